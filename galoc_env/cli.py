@@ -1,0 +1,157 @@
+"""The ``galoc-env`` command."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from galoc import GalocError
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
+
+
+@dataclass(frozen=True)
+class WorldOptions:
+    """Options that the commands share."""
+
+    plan: str | None = None
+    """Plan file, or the name of a shipped plan such as apartment. Left out: a home generated from the seed."""
+    steps: int = 60
+    """Actions per walk."""
+    seed: int = 0
+    """Seed of start, walk and noise (evaluate: of the first walk)."""
+    detector_noise_px: float = 5.0
+    """Noise of each junction coordinate, px of a 640 px wide image."""
+    imu_noise_deg: float = 0.5
+    """Noise of each gravity reading, degrees."""
+    odometry_noise: float = 0.02
+    """Noise of odometry as a fraction of the motion."""
+    tilt_deg: float = 0.0
+    """Largest true roll and pitch, degrees."""
+    furniture: float = 0.5
+    """Furniture density, 0 to 1."""
+    hfov_deg: float = 108.0
+    """Horizontal field of view, degrees."""
+    split: str = "train"
+    """Which generated homes: train or test."""
+
+    def arguments(self) -> dict[str, Any]:
+        """Arguments for the environment."""
+        shared = (
+            "plan",
+            "detector_noise_px",
+            "imu_noise_deg",
+            "odometry_noise",
+            "tilt_deg",
+            "furniture",
+            "hfov_deg",
+            "split",
+        )
+        return {name: getattr(self, name) for name in shared} | {"width": 640, "height": 480}
+
+    def check(self) -> None:
+        """Refuse counts that make no walk."""
+        if self.steps < 1 or self.seed < 0:
+            raise GalocError(
+                f"--steps {self.steps} --seed {self.seed}", "at least 1 step and a seed from 0", "Pass such numbers."
+            )
+
+
+@dataclass(frozen=True)
+class Demo(WorldOptions):
+    """Walk through a floorplan, be localized from wall geometry, and leave a film, a summary and numbers."""
+
+    out: Path = Path("runs/demo")
+    """Folder for episode.mp4, summary.png and result.json."""
+
+    def run(self) -> None:
+        """Run the command."""
+        from tqdm import tqdm
+
+        from galoc_env.demo import report, run_demo
+
+        self.check()
+        with tqdm(total=self.steps + 1, desc="preparing", unit="step", mininterval=0.5) as bar:
+
+            def on_progress() -> None:
+                # The first step waits for the plan's range profiles and, on a fresh machine, for the compiler.
+                bar.set_description("walking", refresh=False)
+                bar.update()
+
+            files = run_demo(self.arguments(), steps=self.steps, seed=self.seed, out=self.out, on_progress=on_progress)
+        print(report(files))
+
+
+@dataclass(frozen=True)
+class Evaluate(WorldOptions):
+    """Score the localizer over many walks. The oracle detector does not look at pixels, so nothing is drawn."""
+
+    episodes: int = 20
+    """Walks, with seeds from --seed on."""
+    jobs: int = 1
+    """Processes."""
+    out: Path = Path("runs/evaluate.json")
+    """Result file. A run that was stopped goes on where it was: finished walks wait in FILE.partial.jsonl."""
+
+    def run(self) -> None:
+        """Run the command."""
+        from tqdm import tqdm
+
+        from galoc_env import evaluate
+        from galoc_env.film import writable_folder, write_text
+
+        self.check()
+        if self.episodes < 1 or self.jobs < 1:
+            raise GalocError(f"--episodes {self.episodes} --jobs {self.jobs}", "at least 1 of each", "Pass 1 or more.")
+        writable_folder(self.out.parent)
+        arguments = {**self.arguments(), "renderer": "none"}
+        job = {"arguments": arguments, "steps": self.steps}
+        partial = evaluate.Partial(self.out.with_name(self.out.name + ".partial.jsonl"), job)
+        done = partial.load()
+        seeds = range(self.seed, self.seed + self.episodes)
+        missing = [s for s in seeds if s not in done]
+        with tqdm(total=len(seeds), initial=len(seeds) - len(missing), desc="walks", unit="walk") as bar:
+            for episode in evaluate.run_seeds(arguments, missing, self.steps, self.jobs):
+                partial.add(episode)
+                done[episode["seed"]] = episode
+                bar.update()
+        episodes = [done[s] for s in seeds]
+        summary = evaluate.summarize(episodes, self.steps)
+        result = {
+            "settings": {**job, "seed": self.seed, "episodes": self.episodes},
+            "summary": summary,
+            "walks": episodes,
+        }
+        write_text(self.out, json.dumps(evaluate.jsonable(result), indent=1) + "\n")
+        partial.remove()
+        print(evaluate.table(episodes, summary))
+        print(f"numbers  {self.out}")
+
+
+Command = Annotated[Demo, tyro.conf.subcommand("demo")] | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point of ``galoc-env``: exit code 0, 2 after bad input, 130 after Ctrl-C."""
+    try:
+        command = tyro.cli(
+            Command,
+            prog="galoc-env",
+            description="The galoc world: a camera walks through floorplans and is localized from wall geometry.",
+            args=arguments,
+            config=(tyro.conf.FlagConversionOff,),
+        )
+        command.run()
+    except GalocError as error:
+        print(f"galoc-env: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("galoc-env: stopped; nothing half-written was left behind", file=sys.stderr)
+        sys.exit(INTERRUPTED)

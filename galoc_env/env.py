@@ -1,0 +1,298 @@
+"""The Gymnasium environment: walk through a furnished floorplan and be localized from wall geometry."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from galoc import Floorplan
+from galoc_env import motion, observe, sensors, settings
+from galoc_env import scoring as scores  # `scoring` is an argument's name
+from galoc_env.world import Episode, Snapshot, World
+
+Array = NDArray[np.float64]
+Observation = dict[str, Any]
+
+
+class FloorplanEnv(gymnasium.Env[Observation, Any]):
+    """A camera walks through a furnished floorplan; a localizer finds its pose from wall geometry alone.
+
+    ## Description
+    Every step the body (radius 0.25 m) moves, the world is drawn from the camera, the detector turns the view into a
+    wall wireframe, and the localizer updates its belief over the pose from the wireframe, the measured gravity and
+    the measured odometry. What the agent does decides what the camera sees, so an agent can be trained to localize
+    fast. Plan frame: x right, y up, metres; heading counter-clockwise from +x, radians.
+
+    ## Action space
+    `actions="discrete"`, `Discrete(4)`:
+
+    | action | motion |
+    |---|---|
+    | 0 | forward 0.3 m |
+    | 1 | backward 0.3 m |
+    | 2 | turn left 30 degrees |
+    | 3 | turn right 30 degrees |
+
+    `actions="continuous"`, `Box(-1, 1, (3,), float32)`: forward (x 0.3 m), left (x 0.3 m), turn left (x 30 degrees);
+    the translation happens first, in the old body frame. A motion ends where the body touches a wall or furniture
+    (`info["collided"]`), and odometry reports the motion that took place. An action out of the space raises.
+
+    ## Observation space
+    A `Dict`:
+
+    | key | type | content | unit |
+    |---|---|---|---|
+    | `image` | uint8 (height, width, 3) | RGB view; all zero with `renderer="none"` | 0..255 |
+    | `gravity` | float32 (2,) | measured roll, pitch of the camera | rad, +-pi/2 |
+    | `odometry` | float32 (3,) | measured forward, left, turn left since the last observation | m, m, rad |
+    | `belief` | float32 (2, 64, 64) | position marginal of the belief; free space | 0..1 |
+    | `estimate` | float32 (4,) | x, y, heading, confidence | m, m, rad, 0..1 |
+
+    - `gravity`: pitch > 0 looks up, roll > 0 lowers the right side of the camera.
+    - `odometry`: zero after a reset; bounds +-(1 m, 1 m, pi).
+    - `belief`: a square canvas over the plan's bounding box, equal scale in x and y, plan centred, row 0 at the top
+      (largest y). [0] mean probability of the belief's cells in each canvas cell, scaled to maximum 1; zero for a
+      localizer without a `belief`. [1] share of the cell that is free.
+    - `estimate`: all zero when there is nothing to report; bounds +-2e5 m, +-pi.
+
+    `belief` and `estimate` are absent with `localizer="none"`. Readings are clipped to these bounds.
+
+    ## Rewards
+    | `reward` | reward of a step |
+    |---|---|
+    | `log_belief` | change of log(belief mass within 0.5 m and 15 degrees of the true pose, floored at 1e-6), nats |
+    | `infogain` | entropy of the belief before minus after, nats |
+    | `error` | -min(position error, 10), m |
+    | `success` | 1 at the first step that ends 10 consecutive ones within 0.5 m of the true position, else 0 |
+
+    The first two need a localizer with a belief. With `localizer="none"` nothing is scored and the reward is 0.
+
+    ## Starting state
+    A random pose in the largest region in which the body can roam, uniform over its cells, heading uniform. With
+    `plan=None` the world is a generated home: `reset(seed=s)` draws home number `s` modulo 100000 of `split`; later
+    resets without a seed stay in that home. The same seed gives the same bytes.
+
+    `reset` options: `"pose"`: (x, y, heading) to start from; `"plan_seed"`: number of the home (only with
+    `plan=None`), whatever the seed.
+
+    ## Episode end
+    Terminates with `reward="success"` only, at the step that earns the 1. Truncated after 100 steps by default
+    (`max_episode_steps` of `gymnasium.make`). Collisions do not end an episode.
+
+    ## Arguments
+    | argument | default | values |
+    |---|---|---|
+    | `plan` | None | plan file or name of a shipped plan ("apartment"); None: a home generated from the seed |
+    | `split` | "train" | "train" or "test": which homes are generated |
+    | `detector` | "oracle" | "oracle": true junctions plus noise |
+    | `detector_noise_px` | 5.0 | sd of each junction coordinate, px of a 640 px wide image; scales with `width` |
+    | `localizer` | "galoc" | "galoc", "none" or "module:Class" (below) |
+    | `geometry` | "paper" | "paper" |
+    | `scoring` | "cosine" | "cosine" |
+    | `renderer` | "gl" | "gl": pyrender; "none": `image` stays zero, all else is unchanged |
+    | `width`, `height` | 320, 240 | image size, px; 16 to 4096 |
+    | `hfov_deg` | 108.0 | horizontal field of view, degrees; 10 to 170 |
+    | `camera_height` | 1.4 | above the floor, m; below the ceiling |
+    | `tilt_deg` | 0.0 | largest true roll and pitch, degrees (0 to 30): a smooth sway over the episode |
+    | `imu_noise_deg` | 0.5 | sd of each gravity reading, degrees |
+    | `odometry_noise` | 0.02 | sd as a fraction of the motion (:func:`galoc_env.sensors.measure_odometry`) |
+    | `furniture` | 0.5 | density, 0 to 1 |
+    | `actions` | "discrete" | "discrete" or "continuous" |
+    | `reward` | "log_belief" | see Rewards |
+    | `render_mode` | None | "rgb_array": 1280 x 720 picture of view, belief, truth and estimate |
+
+    A localizer "module:Class" is built as `Class(plan, camera)` and has `reset()` and `step(wireframe, gravity=...,
+    odometry=...) -> galoc.Estimate`; a `belief` like galoc's is optional. `renderer="none"` is for runs in which
+    nobody looks at pixels: the oracle detector does not.
+
+    Each noise has an exact zero and its own random stream: changing one leaves the others' values as they were.
+
+    ## Info
+    `pose` (3,) true pose; `collided`; and with a localizer `estimate` (3,) (zero when there is nothing to report),
+    `error_m`, `error_rad` (infinity and pi when there is nothing to report), `entropy` (nats; only with a belief),
+    `coverage` (share of rays that are known), `abstained` (this image showed no usable structure), and `metrics`:
+    those of the episode so far (:func:`galoc_env.scoring.episode_metrics`).
+
+    ## Version history
+    - v0: first version.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 6}
+
+    def __init__(
+        self,
+        plan: str | None = None,
+        split: str = "train",
+        detector: str = "oracle",
+        detector_noise_px: float = 5.0,
+        localizer: str = "galoc",
+        geometry: str = "paper",
+        scoring: str = "cosine",
+        renderer: str = "gl",
+        width: int = 320,
+        height: int = 240,
+        hfov_deg: float = 108.0,
+        camera_height: float = 1.4,
+        tilt_deg: float = 0.0,
+        imu_noise_deg: float = 0.5,
+        odometry_noise: float = 0.02,
+        furniture: float = 0.5,
+        actions: str = "discrete",
+        reward: str = "log_belief",
+        render_mode: str | None = None,
+    ) -> None:
+        given = {k: v for k, v in locals().items() if k not in ("self", "__class__")}
+        self.settings = settings.Settings(**given)
+        self.camera = self.settings.camera()
+        self.render_mode = render_mode
+        self.action_space = spaces.Discrete(4) if actions == "discrete" else spaces.Box(-1.0, 1.0, (3,), np.float32)
+        self.observation_space = settings.observation_space(self.settings)
+        self.world: World | None = None
+        self.episode: Episode | None = None
+        self._fixed_plan = None if plan is None else Floorplan.load(plan)
+        self._painter: Any = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode; see the class docstring for ``seed`` and ``options``.
+
+        Raises:
+            GalocError: unknown option, or a start pose where the body does not fit.
+        """
+        super().reset(seed=seed)
+        options = settings.checked_options(options, self.settings)
+        self._enter_world(seed, options.get("plan_seed"))
+        world = self._world()
+        start_rng, tilt_rng, *sensor_rngs = self.np_random.spawn(5)
+        if "pose" in options:
+            pose = motion.checked_start(options["pose"], world.plan, world.obstacles)
+        else:
+            pose = world.random_pose(start_rng)
+        tilt = sensors.Tilt.random(math.radians(self.settings.tilt_deg), tilt_rng)
+        self.episode = Episode(tilt, sensor_rngs, motion.Moved(pose, np.zeros(3), False))
+        if world.observer is not None:
+            world.observer.reset()
+        return self._observe(), self._info()
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Move, observe, localize, score.
+
+        Raises:
+            GalocError: an action out of the action space.
+        """
+        episode, world = self._episode(), self._world()
+        wanted = motion.commanded_motion(action, self.settings.actions)
+        before = episode.scores[-1] if episode.scores else None
+        episode.moved = motion.move(episode.moved.pose, wanted, world.obstacles)
+        episode.steps += 1
+        observation = self._observe()
+        held = scores.has_held(episode.errors_m) and not episode.succeeded
+        episode.succeeded |= held
+        value = 0.0 if before is None else scores.reward(self.settings.reward, before, episode.scores[-1], held)
+        return observation, value, held and self.settings.reward == "success", False, self._info()
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The view with its wireframe beside the plan with belief, truth and estimate: (720, 1280, 3) uint8 RGB."""
+        if self.render_mode != "rgb_array":
+            return None
+        from galoc_env.film import Painter
+
+        if self._painter is None or self._painter.plan is not self._world().plan:
+            self._painter = Painter(self._world().plan, self._world().furniture)
+        return self._painter.paint(self.snapshot())
+
+    def snapshot(self) -> Snapshot:
+        """Everything about the current step that a picture or a report needs."""
+        return Snapshot.of(self._world(), self._episode(), self.settings)
+
+    def close(self) -> None:
+        """Free the renderer."""
+        if self.world is not None:
+            self.world.close()
+        self.world, self.episode, self._painter = None, None, None
+
+    def _world(self) -> World:
+        if self.world is None:
+            raise gymnasium.error.ResetNeeded("Call reset() before step() or render().")
+        return self.world
+
+    def _episode(self) -> Episode:
+        if self.episode is None:
+            raise gymnasium.error.ResetNeeded("Call reset() before step() or render().")
+        return self.episode
+
+    def _enter_world(self, seed: int | None, plan_seed: int | None) -> None:
+        """Build the world of this episode, unless it is the one we are in (built here, in the worker: spawn-safe)."""
+        if self._fixed_plan is not None:
+            number = 0
+        elif plan_seed is not None:
+            number = plan_seed
+        elif seed is not None:
+            number = seed % settings.HOMES
+        elif self.world is not None:
+            return
+        else:
+            number = int(self.np_random.spawn(1)[0].integers(settings.HOMES))
+        if self.world is not None and self.world.number == number:
+            return
+        if self.world is not None:
+            self.world.close()
+            self.world = None
+        plan = self._fixed_plan
+        if plan is None:
+            from galoc_env.homes import generate
+
+            plan = generate(number, split=self.settings.split)
+        self.world = World.build(plan, number, self.settings, self.camera)
+
+    def _observe(self) -> Observation:
+        """Draw, sense, detect and localize at the current pose."""
+        episode, world = self._episode(), self._world()
+        pose, setting = episode.moved.pose, self.settings
+        imu_rng, odometry_rng, detector_rng = episode.sensor_rngs
+        tilt = episode.tilt.at(episode.steps)
+        gravity = sensors.measure_gravity(tilt, math.radians(setting.imu_noise_deg), imu_rng)
+        odometry = sensors.measure_odometry(episode.moved.odometry, setting.odometry_noise, odometry_rng)
+        episode.wireframe = world.wireframe(pose, tilt, setting, self.camera, detector_rng)
+        episode.image = world.image(pose, tilt, setting, self.camera)
+        episode.trail.append(pose)
+        box = self.observation_space
+        assert isinstance(box, spaces.Dict)
+        observation: Observation = {
+            "image": episode.image,
+            "gravity": settings.clipped(gravity, box["gravity"]),
+            "odometry": settings.clipped(odometry, box["odometry"]),
+        }
+        if world.observer is not None:
+            estimate = world.observer.step(episode.wireframe, gravity, odometry)
+            now = scores.score(estimate, world.observer.belief, pose)
+            episode.take(estimate, now)
+            observation["belief"] = world.observer.belief_observation()
+            observation["estimate"] = settings.clipped(observe.estimate_observation(estimate), box["estimate"])
+        return observation
+
+    def _info(self) -> dict[str, Any]:
+        episode = self._episode()
+        info: dict[str, Any] = {"pose": episode.moved.pose.copy(), "collided": episode.moved.collided}
+        estimate = episode.estimate
+        if estimate is None:
+            return info
+        now = episode.scores[-1]
+        if not math.isnan(now.entropy):
+            info["entropy"] = now.entropy
+        return {
+            **info,
+            # No NaN in here: it is not equal to itself, and determinism is checked by comparing infos.
+            "estimate": np.array(estimate.pose if math.isfinite(now.error_m) else np.zeros(3), dtype=np.float64),
+            "error_m": now.error_m,
+            "error_rad": now.error_rad,
+            "coverage": 0.0 if estimate.rays is None else estimate.rays.coverage,
+            "abstained": bool(estimate.abstained),
+            "metrics": scores.episode_metrics(episode.errors_m, [s.error_rad for s in episode.scores]),
+        }

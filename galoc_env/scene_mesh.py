@@ -1,0 +1,119 @@
+"""From textured quads and triangles to a few trimesh meshes, one per material."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from galoc_env.materials import material
+
+if TYPE_CHECKING:
+    import trimesh
+
+Array = NDArray[np.float64]
+
+WALL, FLOOR, CEILING, DOOR, WINDOW, FURNITURE, OUTSIDE = 1, 2, 3, 4, 5, 6, 7
+"""Semantic class of a face (0: nothing). DOOR is a door's frame and lintel, WINDOW a window's frame and reveal."""
+
+SEMANTIC_NAMES = ("nothing", "wall", "floor", "ceiling", "door", "window", "furniture", "outside")
+"""Name of each semantic class, by number."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneMesh:
+    """All faces of the scene that wear one material. Faces are seen from the side they turn counter-clockwise to."""
+
+    name: str
+    """Name of the material; unique in the scene."""
+    mesh: trimesh.Trimesh
+    """World frame (x, y of the plan, z up, m), with TextureVisuals: UV in texture widths, (0, 0) the lower left."""
+    shade: NDArray[np.uint8]
+    """(V, 3): baked light times tint of each vertex; the drawn colour is texture * shade / 255."""
+    semantic: NDArray[np.int8]
+    """(F,): semantic class of each face."""
+    instance: NDArray[np.int32]
+    """(F,): instance of each face, > 0, unique over the scene."""
+
+
+class MeshBuilder:
+    """Collects faces by material and hands out instance numbers."""
+
+    def __init__(self) -> None:
+        self._parts: dict[str, list[tuple[Array, Array, Array, NDArray[np.int64], int, int]]] = {}
+        self._semantics: list[int] = [0]
+
+    def new_instance(self, semantic: int) -> int:
+        """Next free instance number (from 1), of this semantic class."""
+        self._semantics.append(semantic)
+        return len(self._semantics) - 1
+
+    @property
+    def semantics(self) -> NDArray[np.int8]:
+        """(I + 1,): semantic class of each instance; entry 0 is "nothing"."""
+        return np.array(self._semantics, np.int8)
+
+    def add(
+        self, name: str, points: ArrayLike, uv_m: ArrayLike, shade: ArrayLike, faces: ArrayLike, instance: int
+    ) -> None:
+        """Add triangles of one instance.
+
+        Args:
+            name: material.
+            points: (V, 3) m.
+            uv_m: (V, 2) texture coordinates, m.
+            shade: (3,) or (V, 3), light times tint, 0..1.
+            faces: (F, 3) vertex indices, counter-clockwise from the visible side.
+            instance: number from :meth:`new_instance`.
+        """
+        p = np.asarray(points, np.float64)
+        s = np.broadcast_to(np.asarray(shade, np.float64), p.shape)
+        part = (p, np.asarray(uv_m, np.float64), s, np.asarray(faces, np.int64), instance, self._semantics[instance])
+        self._parts.setdefault(name, []).append(part)
+
+    def add_quad(
+        self,
+        name: str,
+        origin: ArrayLike,
+        right: ArrayLike,
+        up: ArrayLike,
+        shade: ArrayLike,
+        instance: int,
+        uv_m: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        """Add a parallelogram seen from the side of ``right x up``.
+
+        Its texture runs in metres along ``right`` and ``up`` and has coordinate ``uv_m`` at ``origin``; ``shade`` is
+        (3,) or one row for each corner, counter-clockwise from ``origin``.
+        """
+        o, r, u = (np.asarray(a, np.float64) for a in (origin, right, up))
+        width, height = float(np.linalg.norm(r)), float(np.linalg.norm(u))
+        uv = np.array(((0.0, 0.0), (width, 0.0), (width, height), (0.0, height))) + uv_m
+        self.add(name, np.stack([o, o + r, o + r + u, o + u]), uv, shade, ((0, 1, 2), (0, 2, 3)), instance)
+
+    def finish(self, seed: int) -> tuple[SceneMesh, ...]:
+        """One mesh per material, ordered by name."""
+        return tuple(_merge(name, self._parts[name], seed) for name in sorted(self._parts))
+
+
+def _merge(name: str, parts: list, seed: int) -> SceneMesh:
+    import trimesh
+    from PIL import Image
+
+    skin = material(name, seed)
+    points, uv, shade = (np.concatenate([part[i] for part in parts]) for i in (0, 1, 2))
+    starts = np.cumsum([0] + [len(part[0]) for part in parts[:-1]])
+    faces = np.concatenate([part[3] + start for part, start in zip(parts, starts, strict=True)])
+    counts = [len(part[3]) for part in parts]
+    instance = np.repeat(np.array([part[4] for part in parts], np.int32), counts)
+    semantic = np.repeat(np.array([part[5] for part in parts], np.int8), counts)
+    tint = np.rint(255.0 * np.clip(shade, 0.0, 1.0)).astype(np.uint8)
+    surface = trimesh.visual.material.PBRMaterial(
+        name=name, baseColorTexture=Image.fromarray(skin.image), metallicFactor=0.0, roughnessFactor=1.0
+    )
+    visual = trimesh.visual.TextureVisuals(uv=uv / skin.size_m, material=surface)
+    visual.vertex_attributes["color"] = np.column_stack([tint, np.full(len(tint), 255, np.uint8)])
+    mesh = trimesh.Trimesh(points, faces, visual=visual, process=False, validate=False)
+    return SceneMesh(name, mesh, tint, semantic, instance)

@@ -1,0 +1,146 @@
+"""The environment's arguments: checked once, frozen, and the spaces that follow from them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from galoc import Camera, GalocError
+from galoc_env.motion import STEP_M
+from galoc_env.observe import CANVAS_CELLS
+from galoc_env.scoring import REWARDS
+
+HOMES = 100_000
+"""Generated homes per split that an environment seed can lead to; larger seeds wrap around."""
+CHOICES: dict[str, tuple[str, ...]] = {
+    "split": ("train", "test"),
+    "detector": ("oracle",),
+    "geometry": ("paper",),
+    "scoring": ("cosine",),
+    "renderer": ("gl", "none"),
+    "actions": ("discrete", "continuous"),
+    "reward": REWARDS,
+}
+"""What this version has, per argument."""
+RANGES: dict[str, tuple[float, float, str]] = {
+    "detector_noise_px": (0.0, 100.0, "px"),
+    "hfov_deg": (10.0, 170.0, "degrees"),
+    "camera_height": (0.05, 20.0, "m"),
+    "tilt_deg": (0.0, 30.0, "degrees"),
+    "imu_noise_deg": (0.0, 10.0, "degrees"),
+    "odometry_noise": (0.0, 1.0, "as a fraction of the motion"),
+    "furniture": (0.0, 1.0, "as a density"),
+}
+"""Least and largest value of each real argument, and its unit."""
+MIN_SIDE_PX, MAX_SIDE_PX = 16, 4096
+"""Image sides that can be drawn and still show structure, px."""
+ODOMETRY_BOUND = np.array([1.0, 1.0, math.pi], dtype=np.float32)
+"""Odometry readings lie within this: more than three times the largest motion (m, m, rad)."""
+POSITION_BOUND_M = 2e5
+"""Coordinates of estimates lie within this (plans lie within half of it), m."""
+
+assert STEP_M * 3 < ODOMETRY_BOUND[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Arguments of :class:`galoc_env.env.FloorplanEnv`; see the tables there."""
+
+    plan: str | None
+    split: str
+    detector: str
+    detector_noise_px: float
+    localizer: str
+    geometry: str
+    scoring: str
+    renderer: str
+    width: int
+    height: int
+    hfov_deg: float
+    camera_height: float
+    tilt_deg: float
+    imu_noise_deg: float
+    odometry_noise: float
+    furniture: float
+    actions: str
+    reward: str
+    render_mode: str | None
+
+    def __post_init__(self) -> None:
+        """Refuse what this version does not have, naming what it has."""
+        for name, choices in CHOICES.items():
+            if getattr(self, name) not in choices:
+                have = " or ".join(f'"{c}"' for c in choices)
+                raise GalocError(f"{name} = {getattr(self, name)!r}", have, "This version of galoc_env has only these.")
+        for name, (low, high, unit) in RANGES.items():
+            value = getattr(self, name)
+            if not _is_number(value) or not low <= value <= high:
+                raise GalocError(f"{name} = {value!r}", f"{low:g} to {high:g} {unit}", "Pass a number in that range.")
+        for name in ("width", "height"):
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool) or not MIN_SIDE_PX <= value <= MAX_SIDE_PX:
+                expected = f"a whole number of pixels from {MIN_SIDE_PX} to {MAX_SIDE_PX}"
+                raise GalocError(f"{name} = {value!r}", expected, "Walls cannot be seen in a smaller image.")
+        for name in ("plan", "localizer"):
+            value = getattr(self, name)
+            if not isinstance(value, str) and not (name == "plan" and value is None):
+                raise GalocError(f"{name} of type {type(value).__name__}", "a string", f"Pass str({name}).")
+        if self.render_mode not in (None, "rgb_array"):
+            raise GalocError(f"render_mode = {self.render_mode!r}", 'None or "rgb_array"', "Pass one of these.")
+
+    def camera(self) -> Camera:
+        """The camera that these settings describe."""
+        return Camera.from_hfov(self.width, self.height, self.hfov_deg)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and math.isfinite(float(value))
+
+
+def observation_space(settings: Settings) -> spaces.Dict:
+    """The observation space, every bound finite."""
+    tilt = np.full(2, math.pi / 2, np.float32)
+    parts: dict[str, spaces.Space[Any]] = {
+        "image": spaces.Box(0, 255, (settings.height, settings.width, 3), np.uint8),
+        "gravity": spaces.Box(-tilt, tilt, dtype=np.float32),
+        "odometry": spaces.Box(-ODOMETRY_BOUND, ODOMETRY_BOUND, dtype=np.float32),
+    }
+    if settings.localizer != "none":
+        high = np.array([POSITION_BOUND_M, POSITION_BOUND_M, np.float32(math.pi), 1.0], np.float32)
+        low = np.array([*-high[:3], 0.0], np.float32)
+        parts["belief"] = spaces.Box(0.0, 1.0, (2, CANVAS_CELLS, CANVAS_CELLS), np.float32)
+        parts["estimate"] = spaces.Box(low, high, dtype=np.float32)
+    return spaces.Dict(parts)
+
+
+def clipped(reading: NDArray, space: spaces.Space[Any]) -> NDArray[np.float32]:
+    """A reading as float32 within its bounds."""
+    assert isinstance(space, spaces.Box)
+    return np.clip(np.asarray(reading, dtype=np.float32), space.low, space.high)
+
+
+def checked_options(options: dict[str, Any] | None, settings: Settings) -> dict[str, Any]:
+    """The options of a reset.
+
+    Raises:
+        GalocError: unknown option, or a plan seed that does not apply or is out of range.
+    """
+    options = dict(options or {})
+    unknown = sorted(map(str, set(options) - {"pose", "plan_seed"}))
+    if unknown:
+        raise GalocError(f"reset options {unknown}", '"pose" and "plan_seed"', "Check the spelling.")
+    if "plan_seed" in options:
+        value = options["plan_seed"]
+        if settings.plan is not None:
+            raise GalocError(
+                "plan_seed beside a fixed plan", "one of the two", "Leave `plan` out to draw homes by seed."
+            )
+        if not isinstance(value, int | np.integer) or isinstance(value, bool) or not 0 <= value < HOMES:
+            raise GalocError(f"plan_seed = {value!r}", f"a whole number from 0 to {HOMES - 1}", "Pass such a number.")
+        options["plan_seed"] = int(value)
+    return options

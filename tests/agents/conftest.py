@@ -1,0 +1,6 @@
+"""Makes the small world of the environment's tests importable here too."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "env"))

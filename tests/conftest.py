@@ -1,0 +1,38 @@
+"""What several tests share: a seeded generator, and the published plans where they lie beside the checkout."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+# No window system in tests, whatever the user's own matplotlib settings are; children of the tests inherit it.
+os.environ["MPLBACKEND"] = "Agg"
+
+# The same examples in every run, and no deadline: on shared cores a slow example says nothing about the code.
+settings.register_profile("galoc", deadline=None, derandomize=True, max_examples=60)
+settings.load_profile("galoc")
+
+REPO = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def repo() -> Path:
+    """Root of the checkout."""
+    return REPO
+
+
+@pytest.fixture(scope="session")
+def shared_plans() -> Path:
+    """Folder of published plans (not part of the checkout); the test is skipped where it is absent."""
+    folder = REPO.parent / "shared" / "data" / "plans"
+    if not folder.is_dir():
+        pytest.skip("published plans are not on this machine (looked for shared/data/plans beside the checkout)")
+    return folder
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """A generator with a fixed seed."""
+    return np.random.default_rng(20240607)

@@ -1,0 +1,132 @@
+"""Furniture stands against walls, overlaps nothing and blocks no way."""
+
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from scipy.ndimage import label
+
+from galoc import Floorplan, GalocError
+from galoc.floorplan import Opening
+from galoc_env.furniture import AGENT_RADIUS, DOOR_CLEARANCE, KINDS, MAX_ITEMS, Furniture, furnish
+
+PLANS = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "plans"
+
+
+def turned_plan(angle=0.0):
+    """Two rooms, 5 x 4 m and 4 x 4 m, behind a wall of 15 cm with a door, turned by an angle."""
+    walls = np.array([
+        [0, 0, 5, 0], [5, 0, 5, 1.5], [5, 1.5, 5.15, 1.5], [5.15, 1.5, 5.15, 0], [5.15, 0, 9, 0], [9, 0, 9, 4],
+        [9, 4, 5.15, 4], [5.15, 4, 5.15, 2.4], [5.15, 2.4, 5, 2.4], [5, 2.4, 5, 4], [5, 4, 0, 4], [0, 4, 0, 0],
+    ], float)  # fmt: skip
+    c, s = math.cos(angle), math.sin(angle)
+    turn = np.array([[c, s], [-s, c]])
+    door = np.array([[5.075, 1.5], [5.075, 2.4]]) @ turn
+    return Floorplan(
+        (walls.reshape(-1, 2) @ turn).reshape(-1, 4), 2.6, (Opening("door", *door.ravel(), 0.15, 0.0, 2.05),)
+    )
+
+
+def reachable_parts(plan, items):
+    """Components of the cells where the agent's disc touches neither wall nor furniture, found afresh."""
+    space = plan.free_space()
+    rows, cols = space.clearance.shape
+    x, y = (np.arange(n) + 0.5 for n in (cols, rows))
+    cells = space.origin + space.resolution * np.stack(np.meshgrid(x, y), axis=-1)
+    free = space.inside & (space.clearance >= AGENT_RADIUS)
+    for item in items:
+        free &= item.distance(cells) >= AGENT_RADIUS
+    return label(free), label(space.inside & (space.clearance >= AGENT_RADIUS))
+
+
+def test_box_geometry():
+    item = Furniture("sofa", 1.0, 2.0, math.radians(90), 0.9, 2.0, 0.8)
+    corners = item.corners()
+    # Facing +y, the 2 m across lie along x.
+    np.testing.assert_allclose(corners.min(axis=0), [0.0, 1.55], atol=1e-12)
+    np.testing.assert_allclose(corners.max(axis=0), [2.0, 2.45], atol=1e-12)
+    assert shapely.Polygon(corners).exterior.is_ccw
+    edges = item.edges()
+    np.testing.assert_array_equal(edges[:, 2:], np.roll(edges[:, :2], -1, axis=0))
+    np.testing.assert_allclose(item.distance(np.array([[1.0, 2.0], [2.5, 2.0], [3.0, 3.45]])), [0, 0.5, math.sqrt(2)])
+
+
+@pytest.mark.parametrize("angle_deg", [0, 30, 77])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_nothing_overlaps_and_doors_stay_clear(angle_deg, seed):
+    plan = turned_plan(math.radians(angle_deg))
+    items = furnish(plan, 1.0, np.random.default_rng(seed))
+    assert len(items) >= 5  # 36 m2 at density 1 aims at 14
+    walls = shapely.MultiLineString(list(plan.segments.reshape(-1, 2, 2)))
+    door = shapely.LineString([(plan.openings[0].x1, plan.openings[0].y1), (plan.openings[0].x2, plan.openings[0].y2)])
+    shapes = [shapely.Polygon(item.corners()) for item in items]
+    for k, shape in enumerate(shapes):
+        assert items[k].kind in KINDS and items[k].height < plan.ceiling_height
+        assert not shape.intersects(walls)
+        assert shape.distance(door) >= DOOR_CLEARANCE
+        assert all(shape.distance(other) > 0.0 for other in shapes[:k])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_place_is_cut_off(seed):
+    plan = turned_plan(math.radians(12))
+    items = furnish(plan, 1.0, np.random.default_rng(seed))
+    (_, after), (_, before) = reachable_parts(plan, items)
+    assert after == before == 1
+
+
+def test_most_pieces_have_a_wall_behind_them():
+    plan = turned_plan()
+    items = [
+        i for s in range(4) for i in furnish(plan, 0.7, np.random.default_rng(s)) if i.kind not in ("table", "chair")
+    ]
+    walls = shapely.MultiLineString(list(plan.segments.reshape(-1, 2, 2)))
+    for item in items:
+        back = np.array([item.x, item.y]) - item.length / 2 * np.array([math.cos(item.heading), math.sin(item.heading)])
+        assert walls.distance(shapely.Point(back)) < 0.031  # the gap is 3 cm
+
+
+def test_density():
+    plan = turned_plan()
+    assert furnish(plan, 0.0, np.random.default_rng(0)) == ()
+    few, many = (furnish(plan, d, np.random.default_rng(0)) for d in (0.2, 0.9))
+    assert 0 < len(few) < len(many)
+    again = furnish(plan, 0.9, np.random.default_rng(0))
+    assert many == again
+
+
+@pytest.mark.parametrize("density", [-0.1, 1.5, float("nan"), "lots"])
+def test_bad_density(density):
+    with pytest.raises(GalocError, match="density"):
+        furnish(turned_plan(), density, np.random.default_rng(0))
+
+
+def test_a_closet_stays_empty():
+    closet = Floorplan.from_segments([[0, 0, 0.8, 0], [0.8, 0, 0.8, 0.8], [0.8, 0.8, 0, 0.8], [0, 0.8, 0, 0]])
+    assert furnish(closet, 1.0, np.random.default_rng(0)) == ()
+
+
+def test_windows_are_not_covered():
+    room = [[0, 0, 4, 0], [4, 0, 4, 4], [4, 4, 0, 4], [0, 4, 0, 0]]
+    glass = tuple(Opening("window", *line, 0.2, 0.5, 2.2) for line in ([0.3, -0.1, 3.7, -0.1], [0.3, 4.1, 3.7, 4.1]))
+    plan = Floorplan(np.array(room, float), 2.6, glass)
+    for seed in range(5):
+        for item in furnish(plan, 1.0, np.random.default_rng(seed)):
+            edge = shapely.Polygon(item.corners())
+            near = min(edge.distance(shapely.LineString([(w.x1, w.y1), (w.x2, w.y2)])) for w in glass)
+            assert near > 0.45 or item.height <= 0.5
+
+
+def test_a_huge_plan_is_quick_and_capped():
+    path = PLANS / "amrl_maps" / "GHC4.json"
+    if not path.exists():
+        pytest.skip("the shared real plans are not beside this checkout")
+    plan = Floorplan.load(path)
+    plan.free_space()
+    start = time.process_time()
+    items = furnish(plan, 1.0, np.random.default_rng(0))
+    assert time.process_time() - start < 4.0  # about 1 s of processor time; room for a slow machine
+    assert 0.5 * MAX_ITEMS < len(items) <= MAX_ITEMS + 6  # a table's chairs may come on top

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 POLE = 1e-6
-"""A floor ray whose |z| is below this share of its horizontal norm is at a pole of lambda (theta = 90 deg - azimuth)."""
+"""A floor ray whose |z| is below this share of its horizontal norm is at a pole of lambda (90 deg - azimuth)."""
 
 
 @njit(cache=True)

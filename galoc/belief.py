@@ -1,8 +1,9 @@
 """Histogram filter over (x, y, heading): the paper's sequential fusion (Sec. III-E).
 
 The belief lives in the log domain on the free positions of the grid and 360 headings. Prediction shifts it by the
-odometry in whole cells and whole degrees. What rounding leaves over is carried to the next step per heading, so that
-slow motion is not lost on a grid coarser than the paper's 0.01 m.
+odometry in whole cells and whole degrees. The paper's cells are 0.01 m, ours 0.1 m; so that this costs no motion, what
+rounding leaves over is carried to the next step per heading (``motion="carried"``). ``motion="rounded"`` drops it, as
+a plain integer shift does: it is here to show what that costs.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ Array = NDArray[np.float64]
 
 EPSILON = 0.01
 """Keeps the logarithm finite where the score is 0 (paper epsilon)."""
+MOTIONS = ("carried", "rounded")
+"""What becomes of the part of a motion below one cell."""
 HEADINGS = 360
 """Heading cells, 1 degree each."""
 
@@ -32,10 +35,24 @@ class Belief:
         field: grid positions.
         diffusion_m: standard deviation added to the position per predicted metre, m/m (0: none, as in the paper).
         diffusion_rad: standard deviation added to the heading per step that moves or turns, rad (0: none).
+        motion: "carried" or "rounded": what becomes of the part of a motion below one cell.
+
+    Raises:
+        GalocError: unknown motion.
     """
 
-    def __init__(self, field: ProfileField, *, diffusion_m: float = 0.0, diffusion_rad: float = 0.0) -> None:
+    def __init__(
+        self,
+        field: ProfileField,
+        *,
+        diffusion_m: float = 0.0,
+        diffusion_rad: float = 0.0,
+        motion: str = "carried",
+    ) -> None:
+        if motion not in MOTIONS:
+            raise GalocError(f"motion {motion!r}", f"one of {MOTIONS}", "Use motion='carried'.")
         self._field = field
+        self._carried = motion == "carried"
         self._diffusion_m, self._diffusion_rad = diffusion_m, diffusion_rad
         self.positions = field.positions
         """(P, 2) m: grid positions."""
@@ -71,8 +88,9 @@ class Belief:
         cells = np.round(shift / self.resolution)
         turn = move[2] + self._left_over_heading
         bins = round(math.degrees(turn) * HEADINGS / 360.0)
-        self._left_over = np.roll(shift - cells * self.resolution, bins, axis=0)
-        self._left_over_heading = turn - math.radians(bins * 360.0 / HEADINGS)
+        if self._carried:
+            self._left_over = np.roll(shift - cells * self.resolution, bins, axis=0)
+            self._left_over_heading = turn - math.radians(bins * 360.0 / HEADINGS)
         if cells.any() or bins:
             floor = np.float32(self.log_p.min() + math.log(EPSILON))  # what enters from outside the free space
             self.log_p = _shift(self.log_p, self._field.cell, self._field.index, cells.astype(np.int64), bins, floor)
@@ -101,10 +119,6 @@ class Belief:
         self.log_p += np.float32(confidence) * np.log(np.float32(EPSILON) + scores)
         self.log_p -= self.log_p.max()
 
-    def _probability(self) -> NDArray[np.float32]:
-        p = np.exp(self.log_p)
-        return np.asarray(p / p.sum(dtype=np.float64), dtype=np.float32)
-
     def position_marginal(self) -> Array:
         """(P,) probability of each position, summing to 1 (the paper's heat map H)."""
         p = np.exp(self.log_p).sum(axis=1, dtype=np.float64)
@@ -128,7 +142,7 @@ class Belief:
         return float(near / np.exp(self.log_p).sum(dtype=np.float64))
 
     def peak(self) -> Array:
-        """(3,) most probable pose, placed between cells by the mass around the best cell (0.3 m, 5 degrees)."""
+        """(3,) most probable pose, placed between cells by the mass around the best cell (3 cells, 5 degrees)."""
         p, v = np.unravel_index(int(np.argmax(self.log_p)), self.log_p.shape)
         best = np.array([*self.positions[p], self.headings_rad[v]])
         rows, columns = self._near(best, 3.0 * self.resolution, math.radians(5.0))
@@ -136,7 +150,7 @@ class Belief:
         weight = np.exp(2.0 * self.log_p[np.ix_(rows, columns)].astype(np.float64))
         weight /= weight.sum()
         offset = wrap_angle(self.headings_rad[columns] - best[2])
-        xy = weight.sum(axis=1) @ (self.positions[rows] + 0.0) + self._left_over[v]
+        xy = weight.sum(axis=1) @ self.positions[rows] + self._left_over[v]
         heading = best[2] + float(weight.sum(axis=0) @ offset) + self._left_over_heading
         return np.array([xy[0], xy[1], float(wrap_angle(heading))])
 
@@ -175,9 +189,9 @@ def _blur_axis(p, cell, index, taps, along_rows):  # type: ignore[no-untyped-def
         for k in range(-radius, radius + 1):
             row = cell[i, 0] + (k if along_rows else 0)
             column = cell[i, 1] + (0 if along_rows else k)
-            j = i  # mass that would leave the free space stays where it is
+            j = np.int64(i)  # mass that would leave the free space stays where it is
             if 0 <= row < height and 0 <= column < width and index[row, column] >= 0:
-                j = index[row, column]
+                j = np.int64(index[row, column])
             for v in range(headings):
                 out[i, v] += taps[k + radius] * p[j, v]
     return out

@@ -36,6 +36,8 @@ class LocalizerConfig:
     """Position diffusion of the filter per metre moved, m/m (paper: none)."""
     diffusion_rad: float = 0.0
     """Heading diffusion of the filter per moving step, rad (paper: none)."""
+    motion: str = "carried"
+    """What the filter does with the part of a motion below one cell: "carried" or "rounded" (see galoc.belief)."""
 
 
 class Localizer:
@@ -70,7 +72,12 @@ class Localizer:
         self.geometry, self.scoring = geometry, scoring
         self.config = config or LocalizerConfig()
         self.field = profile_field(plan, self.config.resolution)
-        self.belief = Belief(self.field, diffusion_m=self.config.diffusion_m, diffusion_rad=self.config.diffusion_rad)
+        self.belief = Belief(
+            self.field,
+            diffusion_m=self.config.diffusion_m,
+            diffusion_rad=self.config.diffusion_rad,
+            motion=self.config.motion,
+        )
 
     def reset(self) -> None:
         """Forget the sequence: the belief becomes uniform."""
@@ -106,6 +113,16 @@ class Localizer:
             odometry: (dx forward, dy left, dheading) since the last step in the previous body frame, m and rad.
         """
         layout, rays = self.observe(observation, gravity)
+        return self.fuse(rays, odometry, layout)
+
+    def fuse(self, rays: Rays, odometry: ArrayLike, layout: Layout | None = None) -> Estimate:
+        """The sequence half of :meth:`step`, for rays from elsewhere (a laser, an oracle, another front end).
+
+        Args:
+            rays: N_r rays of this camera's field of view.
+            odometry: as for :meth:`step`.
+            layout: kept in the estimate.
+        """
         self.belief.predict(odometry)
         seen = bool(rays.known.any())
         if seen:

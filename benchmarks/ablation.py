@@ -178,7 +178,7 @@ def draw(results: dict[str, dict[str, float]], title: str, path: Path) -> None:
     axes.set_xlim(0, 106)
     axes.set_xlabel("% of frames (recall) or walks (converged: within 0.5 m from there to the end)")
     axes.set_title(title, fontsize=10)
-    axes.legend(loc="lower left", fontsize=8)
+    figure.legend(loc="outside lower center", ncols=3, fontsize=8)
     axes.spines[["top", "right"]].set_visible(False)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)

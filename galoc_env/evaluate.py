@@ -163,7 +163,7 @@ def _work(task: tuple[int, int]) -> dict[str, Any]:
 
 
 def summarize(episodes: Sequence[dict[str, Any]], steps: int) -> dict[str, Any]:
-    """Means over episodes with 95 % bootstrap intervals over episodes (over plans, when each has its own).
+    """Means over episodes with 95 % intervals: bootstrap over episodes, Wilson for shares of yes/no walks.
 
     Returns:
         name -> {"value", "low", "high"}; values are None where nothing converged.
@@ -181,7 +181,7 @@ def summarize(episodes: Sequence[dict[str, Any]], steps: int) -> dict[str, Any]:
         "steps to converge (median)": _interval(converged, _median),
         "final error m (median)": _interval([e["final_error_m"] for e in episodes], _median),
     }
-    out |= {name: _interval(values, lambda v: float(np.mean(v))) for name, values in rows.items()}
+    out |= {name: _share([float(v) for v in values]) for name, values in rows.items()}
     return out
 
 
@@ -196,6 +196,16 @@ def _interval(values: Sequence[float], statistic: Callable[[Any], float]) -> dic
     draws = [statistic(sample[rng.integers(len(sample), size=len(sample))]) for _ in range(BOOTSTRAP_DRAWS)]
     low, high = (float(np.sort(draws)[int(q * (BOOTSTRAP_DRAWS - 1))]) for q in (0.025, 0.975))
     return {"value": _finite(statistic(sample)), "low": _finite(low), "high": _finite(high)}
+
+
+def _share(values: Sequence[float]) -> dict[str, float | None]:
+    """Mean with its interval; shares of yes/no walks get Wilson's, since resampling 20 of 20 shows no spread at all."""
+    if not set(values) <= {0.0, 1.0}:
+        return _interval(values, lambda v: float(np.mean(v)))
+    from scipy.stats import binomtest
+
+    found = binomtest(int(sum(values)), len(values)).proportion_ci(0.95, method="wilson")
+    return {"value": float(np.mean(values)), "low": float(found.low), "high": float(found.high)}
 
 
 def _finite(value: float) -> float | None:

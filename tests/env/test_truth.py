@@ -50,7 +50,14 @@ def test_hand_made_view() -> None:
     w = visible_wireframe(plan, CAMERA, (1.0, 2.0, 0.0), 1.5)
     bearing = -azimuth(CAMERA.rays_level(w.floor, (0.0, 0.0)))
     # Left to right: border, far left corner, end of the far wall behind the screen, screen end, foot of the screen, border.
-    expected = [math.radians(54), math.atan2(2, 5), math.atan2(-1, 3), math.atan2(-1, 3), math.atan2(-2, 3), -0.942477796]
+    expected = [
+        math.radians(54),
+        math.atan2(2, 5),
+        math.atan2(-1, 3),
+        math.atan2(-1, 3),
+        math.atan2(-2, 3),
+        -0.942477796,
+    ]
     np.testing.assert_allclose(bearing, expected, atol=1e-6)
     assert w.kind.tolist() == [BORDER, CORNER, OCCLUSION, CORNER, CORNER, BORDER]
     assert w.walls.tolist() == [[0, 1], [1, 2], [3, 4], [4, 5]]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from galoc import GalocError
-from galoc.metrics import RECALL_THRESHOLDS_M, SUCCESS_THRESHOLDS_M, recall, steps_to_converge, success
+from galoc.metrics import HOLD, RECALL_THRESHOLDS_M, SUCCESS_THRESHOLDS_M, recall, steps_to_converge, success
 from galoc_env.env import FloorplanEnv
 from galoc_env.patrol import Patrol
 
@@ -170,8 +170,10 @@ def summarize(episodes: Sequence[dict[str, Any]], steps: int) -> dict[str, Any]:
     """
     rows: dict[str, list[float]] = {}
     converged = [math.inf if e["steps_to_converge"] is None else e["steps_to_converge"] for e in episodes]
-    for by in [b for b in (30, 60) if b <= steps] or [steps]:
-        rows[f"converged by step {by}"] = [float(c <= by) for c in converged]
+    for by in (10, 30):  # convergence must hold for ten steps, so later ones need longer walks
+        if by + HOLD <= steps:
+            rows[f"converged by step {by}"] = [float(c <= by) for c in converged]
+    rows["converged at all"] = [float(math.isfinite(c)) for c in converged]
     for key in [*(f"{x:g}m" for x in RECALL_THRESHOLDS_M), "1m30deg"]:
         rows[f"recall {key}"] = [e["recall"][key] for e in episodes]
     for protocol in ("paper", "f3loc"):

@@ -49,7 +49,7 @@ def test_hand_made_view() -> None:
     plan = Floorplan.from_segments(np.array(room, float), ceiling_height=2.5)
     w = visible_wireframe(plan, CAMERA, (1.0, 2.0, 0.0), 1.5)
     bearing = -azimuth(CAMERA.rays_level(w.floor, (0.0, 0.0)))
-    # Left to right: border, far left corner, end of the far wall behind the screen, screen end, foot of the screen, border.
+    # Left to right: border, far left corner, far wall's end behind the screen, screen's end and foot, border.
     expected = [
         math.radians(54),
         math.atan2(2, 5),

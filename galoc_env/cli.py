@@ -105,13 +105,17 @@ class Evaluate(WorldOptions):
         from tqdm import tqdm
 
         from galoc_env import evaluate
+        from galoc_env.env import FloorplanEnv
         from galoc_env.film import writable_folder, write_text
 
         self.check()
         if self.episodes < 1 or self.jobs < 1:
             raise GalocError(f"--episodes {self.episodes} --jobs {self.jobs}", "at least 1 of each", "Pass 1 or more.")
-        writable_folder(self.out.parent)
+        if self.out.is_dir():
+            raise GalocError(f"--out {str(self.out)!r}, a folder", "a file to write to", "Name a file inside it.")
         arguments = {**self.arguments(), "renderer": "none"}
+        FloorplanEnv(**arguments).close()  # refuses bad arguments before anything is written
+        writable_folder(self.out.parent)
         job = {"arguments": arguments, "steps": self.steps}
         partial = evaluate.Partial(self.out.with_name(self.out.name + ".partial.jsonl"), job)
         done = partial.load()

@@ -50,10 +50,10 @@ def run_demo(
     Raises:
         GalocError: bad arguments, or a folder that cannot be written.
     """
+    env = FloorplanEnv(**arguments, render_mode="rgb_array")  # refuses bad arguments before anything is written
     folder = writable_folder(out)
     files = [folder / name for name in ("episode.mp4", "summary.png", "result.json")]
     views: list[Image] = []
-    env = FloorplanEnv(**arguments, render_mode="rgb_array")
     kept = {round(i) for i in np.linspace(0, steps, FRAMES_SHOWN)}
     try:
         with Film(files[0], fps=int(env.metadata["render_fps"])) as film:

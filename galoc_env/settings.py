@@ -85,7 +85,7 @@ class Settings:
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or not MIN_SIDE_PX <= value <= MAX_SIDE_PX:
                 expected = f"a whole number of pixels from {MIN_SIDE_PX} to {MAX_SIDE_PX}"
-                raise GalocError(f"{name} = {value!r}", expected, "Walls cannot be seen in a smaller image.")
+                raise GalocError(f"{name} = {value!r}", expected, "Pass a Python int in that range.")
         for name in ("plan", "localizer"):
             value = getattr(self, name)
             if not isinstance(value, str) and not (name == "plan" and value is None):
@@ -128,8 +128,10 @@ def checked_options(options: dict[str, Any] | None, settings: Settings) -> dict[
     """The options of a reset.
 
     Raises:
-        GalocError: unknown option, or a plan seed that does not apply or is out of range.
+        GalocError: not a dict, unknown option, or a plan seed that does not apply or is out of range.
     """
+    if not isinstance(options, dict | None):
+        raise GalocError(f"reset options of type {type(options).__name__}", "a dict or None", "Pass a dict.")
     options = dict(options or {})
     unknown = sorted(map(str, set(options) - {"pose", "plan_seed"}))
     if unknown:

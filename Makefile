@@ -5,7 +5,7 @@
 export PYTHON
 .NOTPARALLEL: # package and dev write the same .venv
 
-# Starts with a wrong guess in a room of the same shape, so that one sees the belief collapse.
+# Starts with a wrong guess in another room, so that one sees the belief collapse.
 SEED ?= 12
 STEPS ?= 60
 PLAN ?= apartment

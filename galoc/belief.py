@@ -78,7 +78,10 @@ class Belief:
         Raises:
             GalocError: not three finite numbers.
         """
-        move = np.asarray(odometry, dtype=np.float64)
+        try:
+            move = np.asarray(odometry, dtype=np.float64)
+        except (TypeError, ValueError):
+            move = np.empty(0)  # refused below like every other shape
         if move.shape != (3,) or not np.all(np.isfinite(move)):
             raise GalocError(
                 f"odometry {odometry!r}", "(dx, dy, dheading), three finite numbers in m and rad", "Fix it."

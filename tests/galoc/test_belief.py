@@ -134,10 +134,10 @@ def test_mass_near(field: ProfileField) -> None:
     assert belief.mass_near((1.0, 1.0, 0.0), 0.5) == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("odometry", [(0.0, 0.0), (math.nan, 0.0, 0.0), (math.inf, 0.0, 0.0)])
-def test_bad_odometry(field: ProfileField, odometry: tuple) -> None:
+@pytest.mark.parametrize("odometry", [(0.0, 0.0), (math.nan, 0.0, 0.0), (math.inf, 0.0, 0.0), "abc"])
+def test_bad_odometry(field: ProfileField, odometry: object) -> None:
     with pytest.raises(GalocError, match="odometry"):
-        Belief(field).predict(odometry)
+        Belief(field).predict(odometry)  # type: ignore[arg-type]
 
 
 def test_unknown_motion(field: ProfileField) -> None:

@@ -13,6 +13,7 @@ import math
 import multiprocessing
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,9 @@ import tyro
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from galoc import Localizer, LocalizerConfig, Rays, Wireframe, solve_layout
+from galoc import Camera, Floorplan, Localizer, LocalizerConfig, Rays, Wireframe, solve_layout
 from galoc.metrics import pose_error, steps_to_converge
-from galoc.rays import cast_rays
+from galoc.rays import cast_rays, ray_count
 from galoc.wireframe import true_corners
 from galoc_env.env import FloorplanEnv
 from galoc_env.patrol import Patrol
@@ -86,7 +87,7 @@ def true_ranges(localizer: Localizer, frame: Frame) -> Rays:
 def true_view(localizer: Localizer, frame: Frame) -> Rays:
     """Every ray of the field of view with its true range."""
     x, y, heading = frame.pose
-    n = len(cast_rays(localizer.observe(Wireframe.empty(), (0.0, 0.0))[0], localizer.camera).known)
+    n = ray_count(localizer.camera.hfov_deg)
     bearings = heading + np.radians(np.arange(n) - (n - 1) / 2)
     segments = localizer.plan.segments
     hits = np.array([nearest_hit(segments, x, y, math.cos(b), math.sin(b))[0] for b in bearings])
@@ -109,9 +110,8 @@ VARIANTS = (
 )
 
 
-def walk(plan: str, seed: int, steps: int, noise: dict[str, float]) -> Iterator[Frame]:
+def walk(env: FloorplanEnv, seed: int, steps: int) -> Iterator[Frame]:
     """Frames of one scripted walk; the walk itself does not depend on the noise."""
-    env = FloorplanEnv(plan=plan, localizer="none", renderer="none", reward="error", **{**NOISE, **noise})
     observation, info = env.reset(seed=seed)
     assert env.world is not None
     walker = Patrol(env.world, np.random.default_rng([seed, 1]))
@@ -126,25 +126,20 @@ def run(task: tuple[str, int, int, int]) -> tuple[int, int, list[float]]:
     """Position errors of one walk under one variant."""
     plan, number, seed, steps = task
     variant = VARIANTS[number]
-    env = FloorplanEnv(plan=plan, localizer="none", renderer="none", reward="error")
-    localizer = _localizer(plan, variant.config, env)
+    env = FloorplanEnv(plan=plan, localizer="none", renderer="none", reward="error", **{**NOISE, **variant.noise})
+    localizer = _localizer(plan, env.settings.camera(), variant.config)
     localizer.reset()
     errors = []
-    for frame in walk(plan, seed, steps, variant.noise):
+    for frame in walk(env, seed, steps):
         estimate = localizer.fuse(variant.observe(localizer, frame), frame.odometry)
         errors.append(pose_error(estimate.pose, frame.pose)[0])
     return number, seed, errors
 
 
-_LOCALIZERS: dict[tuple[str, LocalizerConfig], Localizer] = {}
-
-
-def _localizer(plan: str, config: LocalizerConfig, env: FloorplanEnv) -> Localizer:
-    if (plan, config) not in _LOCALIZERS:
-        from galoc import Floorplan
-
-        _LOCALIZERS[plan, config] = Localizer(Floorplan.load(plan), env.settings.camera(), config=config)
-    return _LOCALIZERS[plan, config]
+@lru_cache(maxsize=2)
+def _localizer(plan: str, camera: Camera, config: LocalizerConfig) -> Localizer:
+    """One per process and configuration: profiles take longer than a walk."""
+    return Localizer(Floorplan.load(plan), camera, config=config)
 
 
 def summarize(errors: NDArray[np.float64]) -> dict[str, float]:

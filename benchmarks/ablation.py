@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from galoc import Camera, Floorplan, Localizer, LocalizerConfig, Rays, Wireframe, solve_layout
+from galoc.formats.atomic import write_atomic
 from galoc.metrics import pose_error, steps_to_converge
 from galoc.rays import cast_rays, ray_count
 from galoc.wireframe import true_corners
@@ -204,7 +205,9 @@ def main(
         print("  ".join([f"{name:28s}", *cells]))
     settings = {"plan": plan, "walks": walks, "steps": steps, **NOISE}
     out.parent.mkdir(parents=True, exist_ok=True)
-    out.with_suffix(".json").write_text(json.dumps({"settings": settings, "results": results}, indent=1) + "\n")
+    write_atomic(
+        out.with_suffix(".json"), (json.dumps({"settings": settings, "results": results}, indent=1) + "\n").encode()
+    )
     title = f"{plan}: {walks} walks of {steps} steps; noise 5 px, IMU 0.5 deg, odometry 2 % unless changed"
     draw(results, title, out.with_suffix(".png"))
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from galoc import Camera, Floorplan
 from galoc.detect.oracle import perturb
+from galoc.formats.atomic import write_atomic
 from galoc.gauge import Gauge, constraint_matrix, solve_gauge
 from galoc.wireframe import complete
 from galoc_env.truth import visible_wireframe
@@ -91,7 +92,7 @@ def main(plan: str = "apartment", views: int = 200, out: Path = Path("runs/gauge
         "noise-free views with a flat landscape": float(np.mean(chosen)),
         "theta_hat within 5 deg of a wall": near,
     }
-    out.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
+    write_atomic(out.with_suffix(".json"), (json.dumps(result, indent=1) + "\n").encode())
     print(json.dumps(result, indent=1))
     print("by chance 10 / 90 = 0.11 would be within 5 deg")
 

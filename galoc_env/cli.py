@@ -104,9 +104,10 @@ class Evaluate(WorldOptions):
         """Run the command."""
         from tqdm import tqdm
 
+        from galoc.formats.atomic import write_atomic
         from galoc_env import evaluate
         from galoc_env.env import FloorplanEnv
-        from galoc_env.film import writable_folder, write_text
+        from galoc_env.film import writable_folder
 
         self.check()
         if self.episodes < 1 or self.jobs < 1:
@@ -133,7 +134,7 @@ class Evaluate(WorldOptions):
             "summary": summary,
             "walks": episodes,
         }
-        write_text(self.out, json.dumps(evaluate.jsonable(result), indent=1) + "\n")
+        write_atomic(self.out, (json.dumps(evaluate.jsonable(result), indent=1) + "\n").encode())
         partial.remove()
         print(evaluate.table(episodes, summary))
         print(f"numbers  {self.out}")

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from galoc import Floorplan
+from galoc.formats.atomic import write_atomic
 from galoc_env.env import FloorplanEnv
 from galoc_env.evaluate import Rollout, jsonable, rollout, steps_table
-from galoc_env.film import Film, temporary, writable_folder, write_text
+from galoc_env.film import Film, temporary, writable_folder
 
 Image = NDArray[np.uint8]
 
@@ -74,7 +75,7 @@ def run_demo(
     finally:
         env.close()
     result = {"settings": {**arguments, "steps": steps, "seed": seed}, **walk.metrics(), "steps": steps_table(walk)}
-    write_text(files[2], json.dumps(jsonable(result), indent=1) + "\n")
+    write_atomic(files[2], (json.dumps(jsonable(result), indent=1) + "\n").encode())
     return DemoFiles(files[0], files[1], files[2], walk)
 
 

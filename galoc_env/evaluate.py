@@ -272,9 +272,9 @@ class Partial:
         if not rows or rows[0] != self._job:
             rows = [self._job]
         # Written anew: the torn line must not swallow the next one.
-        from galoc_env.film import write_text
+        from galoc.formats.atomic import write_atomic
 
-        write_text(self.path, "".join(json.dumps(row) + "\n" for row in rows))
+        write_atomic(self.path, ("".join(json.dumps(row) + "\n" for row in rows)).encode())
         return {row["seed"]: _revived(row) for row in rows[1:]}
 
     def add(self, episode: dict[str, Any]) -> None:

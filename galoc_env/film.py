@@ -197,16 +197,6 @@ def temporary(target: Path) -> Path:
     return target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
 
 
-def write_text(target: Path, text: str) -> None:
-    """Write a text file that appears whole or not at all."""
-    part = temporary(target)
-    try:
-        part.write_text(text, encoding="utf-8")
-        os.replace(part, target)
-    finally:
-        part.unlink(missing_ok=True)
-
-
 class Film:
     """An H.264 film that appears under its name only when it is complete (a context manager)."""
 

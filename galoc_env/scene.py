@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +12,7 @@ from numpy.typing import NDArray
 
 from galoc.errors import GalocError
 from galoc.floorplan import Floorplan
+from galoc.formats.atomic import write_atomic
 from galoc_env.furniture import Furniture, furnish
 from galoc_env.scene_furniture import add_furniture
 from galoc_env.scene_light import Lighting
@@ -68,22 +67,7 @@ class Scene:
         scene = self.as_trimesh()
         scene.apply_transform(y_up)
         data = scene.export(file_type="glb")
-        _write_atomically(target, data)
-        return target
-
-
-def _write_atomically(target: Path, data: bytes) -> None:
-    try:
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(data)
-            os.replace(name, target)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise GalocError(f"path = {str(target)!r}", "a file in a folder that can be written to", str(error)) from error
+        return write_atomic(target, data)
 
 
 def build_scene(plan: Floorplan, *, furniture: float = 0.5, seed: int = 0) -> Scene:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -121,10 +122,14 @@ class Wireframe:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
-    """Wall chain seen from above in the level camera frame; scale-free unless ``metric``."""
+    """Wall chain seen from above in the level camera frame; scale-free unless ``metric``.
+
+    Method "paper" holds recovered pairs only. Method "ml" holds every pair of the wireframe, in metres at the most
+    likely scale; the covariance says which of them are known, ``scale_sd`` how well the scale is.
+    """
 
     points: Array
-    """(N, 2) float64: (x right, z forward) of each recovered pair; camera at the origin."""
+    """(N, 2) float64: (x right, z forward) of each pair; camera at the origin."""
     walls: IntArray
     """(M, 2) int64: known wall panels as indices into ``points``."""
     arcs: Array
@@ -132,13 +137,30 @@ class Layout:
     heights: Array
     """(2,) float64: ceiling height above and floor depth below the camera, in the scale of ``points`` (both > 0)."""
     method: str
-    """"paper" (or "ml")."""
+    """"ml" or "paper"."""
     covariance: Array | None = None
-    """(2N, 2N) covariance of ``points``; None where the method gives none."""
+    """(2N, 2N) covariance of (x_0, z_0, x_1, ...) at fixed scale; None where the method gives none."""
     metric: bool = False
-    """True when ``points`` and ``heights`` are in metres."""
+    """True when ``points`` and ``heights`` are in metres to within 10 % (1 sd)."""
     gauge: Gauge | None = None
     """Every intermediate of the paper's gauge search (method "paper")."""
+    kind: NDArray[np.int8] | None = None
+    """(N,) kind of each pair, as in :class:`Wireframe` ("ml")."""
+    gravity: Array | None = None
+    """(2,) rad: roll and pitch refined by the walls ("ml")."""
+    gravity_sd: Array | None = None
+    """(2,) rad: their standard deviations ("ml")."""
+    flagged: BoolArray | None = None
+    """(N,) pairs whose junctions the outlier gate refused ("ml")."""
+    hidden: Array | None = None
+    """(H, 3): stretches of walls whose ceiling (row 0) or floor (row 1) line is beyond the image: left azimuth, right
+    azimuth (rad), row ("ml"). The wall is there, and near."""
+    scale_sd: float = math.inf
+    """Standard deviation of the log of the metric scale ("ml")."""
+    log_ratio: tuple[float, float] = (math.nan, math.nan)
+    """log(floor / ceiling height) and its standard deviation ("ml")."""
+    sigma_px: float = math.nan
+    """Junction noise used, or estimated from the residuals where the detector gave none, px ("ml")."""
 
     @classmethod
     def unknown(cls, method: str) -> Layout:
@@ -156,7 +178,10 @@ class Rays:
     known: BoolArray
     """(n,) bool: the ray lies in a known sector."""
     variance: Array
-    """(n,) float64: variance of log range; NaN where unknown or not estimated."""
+    """(n,) float64: variance of log range at fixed scale; NaN where unknown or not estimated."""
+    limit: Array | None = None
+    """(n,) float64: where the wall is unknown but its ceiling or floor line is seen to lie beyond the image, the range
+    that it cannot exceed, in the layout's scale; NaN elsewhere. None: not derived."""
 
     @property
     def coverage(self) -> float:
@@ -177,8 +202,8 @@ class Estimate:
     pose: Array
     """(3,) float64: x, y in metres and heading in rad (plan frame); NaN when there is nothing to report."""
     confidence: float
-    """0..1. Single image: the paper's c = (|K| / N_r)^2. Sequence: belief mass within 0.5 m of the pose.
-    0: abstained."""
+    """0..1. Scoring "likelihood": calibrated probability that the position is right within 0.5 m. "cosine", single
+    image: the paper's c = (|K| / N_r)^2; sequence: belief mass within 0.5 m of the pose. 0: abstained."""
     abstained: bool
     """True when this image showed no usable structure."""
     candidates: Array = field(default_factory=lambda: np.zeros((0, 4)))

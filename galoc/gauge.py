@@ -12,17 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
-from galoc._gauge_kernel import sigma_min_scan
+from galoc._gauge_kernel import refine, sigma_min_scan
+from galoc._gauge_solve import FLAT, FLAT_SCREEN, TOLERANCE, solve_batch
 from galoc.errors import GalocError
 
 Array = NDArray[np.float64]
 
 SCAN_DEG = 1.0
 """Step of the global scan, degrees (paper: 1 degree, refined by Brent within +-1 degree)."""
-FLAT = 1e-9
-"""Below this share of sigma_max everywhere, sigma_min carries no information and theta is 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,6 +125,34 @@ def solve_gauge(p: Array, q: Array, *, theta: float | None = None) -> Gauge:
     )  # fmt: skip
 
 
+def solve_points(p: Array, q: Array, *, theta: float | None = None) -> tuple[Array, Array, Array]:
+    """The structures of a batch of images as :func:`solve_gauge` finds them, without its intermediates and faster.
+
+    Args:
+        p: (B, N, 3) levelled ceiling rays, left to right. A pair with a NaN ray is left out.
+        q: (B, N, 3) levelled floor rays.
+        theta: fix the gauge angle instead of searching, rad.
+
+    Returns:
+        points (B, N, 2), (x right, z forward) in the level camera frame, and heights (B, 2) of the ceiling above and
+        the floor below the camera, in the unit where ``sqrt(h_ceiling h_floor) = 1``; theta_hat (B,), rad. NaN for
+        pairs left out, and for images with fewer than two pairs.
+
+    Raises:
+        GalocError: wrong or different shapes.
+    """
+    p, q = np.asarray(p, dtype=np.float64), np.asarray(q, dtype=np.float64)
+    if p.shape != q.shape or p.ndim != 3 or p.shape[2] != 3:
+        raise GalocError(
+            f"ceiling rays {p.shape} and floor rays {q.shape}",
+            "two arrays of the same shape (B, N, 3)",
+            "Add a leading axis for a single image.",
+        )
+    angle = np.full(len(p), 0.0 if theta is None else float(theta))
+    points, heights, found = solve_batch(np.ascontiguousarray(p), np.ascontiguousarray(q), theta is not None, angle)
+    return points, heights, found
+
+
 def _is_flat(p: Array, q: Array, scan: Array, curve: Array) -> bool:
     """Whether sigma_min is zero to working precision at every angle.
 
@@ -134,7 +160,7 @@ def _is_flat(p: Array, q: Array, scan: Array, curve: Array) -> bool:
     """
     scale = float(np.linalg.norm(constraint_matrix(p, q, float(scan[int(np.argmin(curve))]))[0]))
     finite = np.isfinite(curve)
-    if float(np.median(curve[finite])) > 1e-6 * scale:
+    if float(np.median(curve[finite])) > FLAT_SCREEN * scale:
         return False
     for theta in scan[finite][::15]:
         a = constraint_matrix(p, q, float(theta))[0]
@@ -148,12 +174,8 @@ def _theta_4(p: Array, q: Array, theta: float) -> Array:
     """The minimum near ``theta`` and its three partners at steps of pi/2, each refined by Brent within +-1 degree."""
 
     def refined(start: float) -> float:
-        def sigma(angle: float) -> float:
-            return float(sigma_min_scan(p, q, np.array([angle]))[0])
-
         step = math.radians(SCAN_DEG)
-        result = minimize_scalar(sigma, bounds=(start - step, start + step), method="bounded", options={"xatol": 1e-7})
-        return float(result.x)
+        return float(refine(p, q, start - step, start + step, TOLERANCE))
 
     first = refined(theta)
     second = refined(first + math.pi / 2)

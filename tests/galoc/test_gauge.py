@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 
 from galoc import Camera, Floorplan, GalocError
-from galoc._gauge_kernel import sigma_min_scan
+from galoc._gauge_kernel import refine, sigma_min_scan
 from galoc.camera import levelling
-from galoc.gauge import constraint_matrix, rotated, solve_gauge
+from galoc.gauge import constraint_matrix, rotated, solve_gauge, solve_points
 from galoc.wireframe import complete
 from galoc_env.truth import visible_wireframe
 
@@ -172,3 +173,62 @@ def test_nan_is_refused() -> None:
     p[0, 0] = np.nan
     with pytest.raises(GalocError, match="finite"):
         solve_gauge(p, q)
+
+
+def unit_points(p: np.ndarray, q: np.ndarray, **options: float) -> np.ndarray:
+    """Points of solve_gauge in the unit of solve_points."""
+    gauge = solve_gauge(p, q, **options)
+    return gauge.points / np.sqrt(abs(gauge.ceiling[0, 1] * gauge.floor[0, 1]))
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("sigma_px", [0.0, 3.0, 12.0])
+def test_batch_solve_equals_the_full_one(seed: int, sigma_px: float) -> None:
+    """The kernel's null vectors against those of a dense SVD, noise-free (flat, theta 0) and noisy."""
+    p, q = noisy_rays(seed, sigma_px)
+    points, heights, theta = solve_points(p[None], q[None])
+    want = unit_points(p, q)
+    # 1e-9 of the layout's size: A^T A squares the condition of A, about 1e3 here.
+    np.testing.assert_allclose(points[0], want, atol=1e-9 * np.abs(want).max())
+    assert theta[0] == pytest.approx(solve_gauge(p, q).theta, abs=1e-9)
+    assert heights[0, 0] > 0 and heights[0, 1] > 0 and heights[0].prod() == pytest.approx(1.0)
+    fixed, _, angle = solve_points(p[None], q[None], theta=0.3)
+    want = unit_points(p, q, theta=0.3)
+    np.testing.assert_allclose(fixed[0], want, atol=1e-9 * np.abs(want).max())
+    assert angle[0] == 0.3
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_refinement_equals_scipy(seed: int) -> None:
+    p, q = noisy_rays(seed)
+    start = solve_gauge(p, q).scan_theta[np.argmin(solve_gauge(p, q).scan_sigma_min)]
+    low, high = start - np.radians(1.0), start + np.radians(1.0)
+
+    def sigma(theta: float) -> float:
+        return float(np.linalg.svd(constraint_matrix(p, q, theta)[0], compute_uv=False)[-1])
+
+    wanted = minimize_scalar(sigma, bounds=(low, high), method="bounded", options={"xatol": 1e-7})
+    # Near its minimum sigma_min changes by less than double precision over about 1e-5 rad.
+    assert refine(p, q, low, high, 1e-7) == pytest.approx(wanted.x, abs=1e-4)
+    assert sigma(refine(p, q, low, high, 1e-7)) == pytest.approx(wanted.fun, rel=1e-8)
+
+
+def test_pairs_without_rays_are_left_out_of_a_batch() -> None:
+    p, q = noisy_rays(1)
+    gappy = np.stack([p, p, p])
+    gappy[1, 2] = np.nan
+    gappy[2, 1:] = np.nan
+    points, heights, theta = solve_points(gappy, np.stack([q, q, q]))
+    assert np.isfinite(points[0]).all()
+    rest = np.arange(len(p)) != 2
+    want = unit_points(p[rest], q[rest])
+    np.testing.assert_allclose(points[1, rest], want, atol=1e-9 * np.abs(want).max())
+    assert np.isnan(points[1, 2]).all()
+    assert np.isnan(points[2]).all() and np.isnan(heights[2]).all() and np.isnan(theta[2])  # one pair is no wall
+
+
+def test_batch_of_nothing_and_of_wrong_shape() -> None:
+    points, heights, theta = solve_points(np.zeros((0, 4, 3)), np.zeros((0, 4, 3)))
+    assert points.shape == (0, 4, 2) and heights.shape == (0, 2) and theta.shape == (0,)
+    with pytest.raises(GalocError, match="expected"):
+        solve_points(np.ones((4, 3)), np.ones((4, 3)))

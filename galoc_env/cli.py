@@ -140,7 +140,62 @@ class Evaluate(WorldOptions):
         print(f"numbers  {self.out}")
 
 
-Command = Annotated[Demo, tyro.conf.subcommand("demo")] | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+@dataclass(frozen=True)
+class Stress:
+    """Stress-test gauge solvers on synthetic corner pairs: noise, tilt, few pairs, wrong and missing junctions."""
+
+    frames: int = 400
+    """Views per condition."""
+    seed: int = 0
+    """Seed of homes, poses and noise."""
+    jobs: int = 1
+    """Processes. Times per solve are only comparable when as many cores are free."""
+    out: Path = Path("runs/stress")
+    """Folder for conditions.csv, stress.json, verdicts.md and stress.png. A stopped run goes on where
+    it was."""
+    sweeps: tuple[str, ...] = ()
+    """Only these: sigma, tilt, pairs, hfov, kind, outliers, missed, one-sided, height, true-tilt, noise-known, grid,
+    claims. Left out: all."""
+    solver: str | None = None
+    """Your own solver beside the shipped ones: module:function or file.py:function, called like
+    galoc.pairs.solve_pairs without method, in batches of views with equally many pairs."""
+    quick: bool = False
+    """A small run: 160 views and three levels per sweep."""
+
+    def run(self) -> None:
+        """Run the command."""
+        from tqdm import tqdm
+
+        from galoc_env import stress, stress_report
+        from galoc_env.evaluate import Partial, jsonable
+        from galoc_env.film import writable_folder
+
+        if self.jobs < 1:
+            raise GalocError(f"--jobs {self.jobs}", "at least 1 process", "Pass 1 or more.")
+        frames = min(self.frames, 160) if self.quick else self.frames
+        plan = stress.Plan.make(self.sweeps, frames, self.seed, self.solver, self.quick)
+        plan.solvers()  # refuses a bad solver before anything is written
+        folder = writable_folder(self.out)
+        partial = Partial(folder / "partial.jsonl", plan.job())
+        done = partial.load()
+        missing = [task for task in range(plan.tasks) if task not in done]
+        with tqdm(total=plan.tasks, initial=plan.tasks - len(missing), desc="conditions", unit="condition") as bar:
+            for result in stress.run_tasks(plan, missing, self.jobs):
+                partial.add(result)
+                done[result["seed"]] = jsonable(result)
+                bar.update()
+        collected = jsonable(stress.collect(plan, done))
+        files = stress_report.write(collected, folder)
+        partial.remove()
+        print(stress_report.table(collected))
+        print("\n".join(f"written  {file}" for file in files))
+
+
+Command = (
+    Annotated[Demo, tyro.conf.subcommand("demo")]
+    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Stress, tyro.conf.subcommand("stress")]
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -151,7 +206,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             prog="galoc-env",
             description="The galoc world: a camera walks through floorplans and is localized from wall geometry.",
             args=arguments,
-            config=(tyro.conf.FlagConversionOff,),
+            config=(tyro.conf.FlagCreatePairsOff,),
         )
         command.run()
     except GalocError as error:

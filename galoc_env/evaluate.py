@@ -289,4 +289,6 @@ class Partial:
 
 def _revived(row: dict[str, Any]) -> dict[str, Any]:
     """An episode read back: an error that JSON could not hold was infinite."""
+    if "final_error_m" not in row:
+        return row
     return {**row, "final_error_m": math.inf if row["final_error_m"] is None else row["final_error_m"]}

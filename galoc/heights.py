@@ -34,6 +34,9 @@ class Heights:
     """Variance of log_floor."""
     covariance: float = 0.0
     """Covariance of the two."""
+    ceiling: tuple[float, float] | None = None
+    """Log of the ceiling's height above the floor (m) and its standard deviation, where the map gives it: with the fitted
+    ratio it fixes the scale. None: not known, or already in the fields above."""
 
     @classmethod
     def known(cls, camera_m: float, ceiling_m: float, sd: float = 0.03) -> Heights:
@@ -58,6 +61,22 @@ class Heights:
             )
         return cls(math.log(ceiling_m - camera_m), math.log(camera_m), sd**2, sd**2)
 
+    @classmethod
+    def under(cls, ceiling_m: float, sd: float = 0.03) -> Heights:
+        """Only the ceiling's height above the floor is known (a map states it); the camera's is not.
+
+        Args:
+            ceiling_m: m.
+            sd: its relative standard deviation.
+
+        Raises:
+            GalocError: not a positive height, or a useless sd.
+        """
+        if not (math.isfinite(ceiling_m) and ceiling_m > 0.0 and 1e-4 <= sd <= 2.0):
+            raise GalocError(f"ceiling of {ceiling_m!r} m, sd {sd!r}", "a height in m and a relative sd", "Fix them.")
+        half = math.log(0.5 * ceiling_m)
+        return cls(half, half, ceiling=(math.log(ceiling_m), sd))
+
     @property
     def k(self) -> float:
         """Prior mean of k = log(floor / ceiling)."""
@@ -75,6 +94,9 @@ class Heights:
             k: fitted log ratio (with this prior already in it).
             k_sd: its standard deviation after the fit.
         """
+        if self.ceiling is not None:  # h_floor = H e^k / (1 + e^k), h_ceiling = H / (1 + e^k)
+            share = 1.0 / (1.0 + math.exp(-k))
+            return self.ceiling[0] + 0.5 * k - math.log1p(math.exp(k)), math.hypot(self.ceiling[1], (0.5 - share) * k_sd)
         mean = 0.5 * (self.log_floor + self.log_ceiling)
         variance = 0.25 * (self.var_ceiling + self.var_floor + 2.0 * self.covariance)
         slope = 0.5 * (self.var_floor - self.var_ceiling) / self.k_sd**2

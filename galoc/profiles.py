@@ -29,6 +29,8 @@ class Caster:
     """Casts profiles at arbitrary positions of one plan; front-to-back lists are built per tile on first use."""
 
     def __init__(self, plan: Floorplan) -> None:
+        self.plan = plan
+        """The plan whose walls are cast."""
         self._segments = plan.segments
         x0, y0, x1, y1 = plan.bounds
         tiles = math.ceil((x1 - x0) / TILE + 2) * math.ceil((y1 - y0) / TILE + 2)

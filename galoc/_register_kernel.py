@@ -312,7 +312,8 @@ def register(  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def ray_cost(pose, segments, azimuths, seen, sd, least, saturation):  # type: ignore[no-untyped-def]
     """Robust squared residuals of the rays at a pose, summed: nodes say how well walls fit, rays that nothing stands
-    between them."""
+    between them.
+    """
     x, y, heading, g = pose[0], pose[1], pose[2], pose[3]
     total = 0.0
     for i in range(azimuths.shape[0]):

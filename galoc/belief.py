@@ -24,6 +24,8 @@ EPSILON = 0.01
 """Keeps the logarithm finite where the score is 0 (paper epsilon)."""
 MOTIONS = ("carried", "rounded")
 """What becomes of the part of a motion below one cell."""
+LEAST_SPREAD = 0.4
+"""Diffusion waits until it amounts to this many cells or bins (1 sd): a smaller Gaussian does not show on the grid."""
 HEADINGS = 360
 """Heading cells, 1 degree each."""
 
@@ -68,6 +70,7 @@ class Belief:
         """(P, 360) float32: log-probability up to a constant; the largest entry is 0."""
         self._left_over = np.zeros((HEADINGS, 2))
         self._left_over_heading = 0.0
+        self._gathered = np.zeros(2)  # variance that diffusion owes, cells^2 and bins^2
 
     def predict(self, odometry: ArrayLike) -> None:
         """Shift by odometry (paper: shift and roll by Delta x, Delta y, Delta v).
@@ -78,14 +81,7 @@ class Belief:
         Raises:
             GalocError: not three finite numbers.
         """
-        try:
-            move = np.asarray(odometry, dtype=np.float64)
-        except (TypeError, ValueError):
-            move = np.empty(0)  # refused below like every other shape
-        if move.shape != (3,) or not np.all(np.isfinite(move)):
-            raise GalocError(
-                f"odometry {odometry!r}", "(dx, dy, dheading), three finite numbers in m and rad", "Fix it."
-            )
+        move = checked_odometry(odometry)
         c, s = np.cos(self.headings_rad), np.sin(self.headings_rad)
         shift = np.stack([c * move[0] - s * move[1], s * move[0] + c * move[1]], axis=1) + self._left_over
         cells = np.round(shift / self.resolution)
@@ -101,16 +97,24 @@ class Belief:
         self.log_p -= self.log_p.max()
 
     def _diffuse(self, distance: float, *, moved: bool) -> None:
-        sd_cells = self._diffusion_m * distance / self.resolution
-        sd_bins = math.degrees(self._diffusion_rad) if moved else 0.0
-        if sd_cells <= 0.0 and sd_bins <= 0.0:
+        """Spread by the odometry's noise, once enough of it has gathered that the grid can show it."""
+        self._gathered[0] += (self._diffusion_m * distance / self.resolution) ** 2
+        self._gathered[1] += math.degrees(self._diffusion_rad) ** 2 if moved else 0.0
+        due = self._gathered >= LEAST_SPREAD**2
+        if not due.any():
             return
         p = np.exp(self.log_p - self.log_p.max())
-        if sd_cells > 0.0:
-            p = _blur_positions(p, self._field.cell, self._field.index, _kernel(sd_cells))
-        if sd_bins > 0.0:
-            p = _blur_headings(p, _kernel(sd_bins))
+        if due[0]:
+            p = _blur_positions(p, self._field.cell, self._field.index, _kernel(math.sqrt(self._gathered[0])))
+        if due[1]:
+            p = _blur_headings(p, _kernel(math.sqrt(self._gathered[1])))
+        self._gathered[due] = 0.0
         self.log_p = np.log(np.maximum(p, np.float32(1e-37)))
+
+    def add(self, log_likelihood: NDArray[np.float32]) -> None:
+        """Fuse one observation given as log-likelihood (P, 360), up to a constant."""
+        self.log_p += log_likelihood
+        self.log_p -= self.log_p.max()
 
     def update(self, scores: NDArray[np.float32], confidence: float) -> None:
         """Fuse one observation: log B += c log(epsilon + s) (paper Sec. III-E).
@@ -119,8 +123,7 @@ class Belief:
             scores: (P, 360) similarity in [0, 1].
             confidence: weight c.
         """
-        self.log_p += np.float32(confidence) * np.log(np.float32(EPSILON) + scores)
-        self.log_p -= self.log_p.max()
+        self.add(np.float32(confidence) * np.log(np.float32(EPSILON) + scores))
 
     def position_marginal(self) -> Array:
         """(P,) probability of each position, summing to 1 (the paper's heat map H)."""
@@ -156,6 +159,21 @@ class Belief:
         xy = weight.sum(axis=1) @ self.positions[rows] + self._left_over[v]
         heading = best[2] + float(weight.sum(axis=0) @ offset) + self._left_over_heading
         return np.array([xy[0], xy[1], float(wrap_angle(heading))])
+
+
+def checked_odometry(odometry: ArrayLike) -> Array:
+    """(dx, dy, dheading) as an array.
+
+    Raises:
+        GalocError: not three finite numbers.
+    """
+    try:
+        move = np.asarray(odometry, dtype=np.float64)
+    except (TypeError, ValueError):
+        move = np.empty(0)  # refused below like every other shape
+    if move.shape != (3,) or not np.all(np.isfinite(move)):
+        raise GalocError(f"odometry {odometry!r}", "(dx, dy, dheading), three finite numbers in m and rad", "Fix it.")
+    return move
 
 
 def _kernel(sd: float) -> Array:

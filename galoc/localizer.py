@@ -8,20 +8,32 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from galoc.belief import Belief
-from galoc.camera import Camera
+from galoc.belief import Belief, checked_odometry
+from galoc.camera import Camera, levelling
 from galoc.detect import Detector
 from galoc.errors import GalocError
 from galoc.floorplan import Floorplan
+from galoc.heights import Heights
 from galoc.layout import METHODS, solve_layout
+from galoc.likelihood import Likelihood
 from galoc.match import search
+from galoc.observation import Observation, observation
+from galoc.plan_facts import manhattan
+from galoc.posterior import NEAR_M, locate_modes, probability_near
 from galoc.profiles import profile_field
 from galoc.rays import cast_rays
 from galoc.score import SCORINGS, confidence, score_volume
+from galoc.tracker import Tracker
 from galoc.types import Estimate, Layout, Rays, Wireframe
 
-CONFIDENCE_RADIUS = 0.5
-"""A sequence's confidence is the belief mass within this distance of the reported pose, m."""
+GRID_SHARE = 0.95
+"""Share of the map's wall length on one right-angled grid above which the wall-direction prior is used."""
+FRAME_TEMPER = 0.5
+"""Weight of one frame's log-likelihood in the belief: errors of neighbouring frames are not independent."""
+FRAME_FLOOR = -12.0
+"""No frame makes a pose less likely than this against its best one, nats: a wrong frame can be outvoted."""
+SURE, UNSURE = 0.9, 0.3
+"""Heights are learned above the first confidence and forgotten below the second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,14 +42,36 @@ class LocalizerConfig:
 
     resolution: float = 0.1
     """Grid step of the coarse search and of the belief, m (large plans are coarsened, see galoc.profiles)."""
-    candidates: int = 32
-    """Cells refined to 0.01 m by :meth:`Localizer.locate`."""
-    diffusion_m: float = 0.0
-    """Position diffusion of the filter per metre moved, m/m (paper: none)."""
-    diffusion_rad: float = 0.0
-    """Heading diffusion of the filter per moving step, rad (paper: none)."""
+    candidates: int | None = None
+    """Cells that :meth:`Localizer.locate` looks at closely; None: 32 refined to 0.01 m (scoring "cosine"), 128 registered
+    to the map ("likelihood")."""
+    heights: tuple[float, float] | None = None
+    """Known height of the camera and of the ceiling above the floor, m (geometry "ml"); None: unknown. Over a sequence
+    they are learned."""
+    heights_sd: float = 0.03
+    """Relative standard deviation of known heights."""
+    ceiling_from_plan: bool = False
+    """Take the ceiling's height from the plan, to ``heights_sd``, and leave the camera's unknown (geometry "ml"). For
+    plans that state the real height: it fixes the scale of every view."""
+    imu_sigma_deg: float = 1.0
+    """Standard deviation of measured roll and pitch, degrees (geometry "ml")."""
+    odometry_noise: float = 0.02
+    """Standard deviation of a motion as a share of its length (scoring "likelihood")."""
+    odometry_turn_deg: float = 0.5
+    """Standard deviation of the heading change of a step that moves, degrees (scoring "likelihood")."""
+    diffusion_m: float | None = None
+    """Position diffusion of the filter per metre moved, m/m. None: 0 ("cosine", as the paper), ``odometry_noise``
+    ("likelihood")."""
+    diffusion_rad: float | None = None
+    """Heading diffusion of the filter per moving step, rad. None: 0 ("cosine"), ``odometry_turn_deg`` ("likelihood")."""
     motion: str = "carried"
     """What the filter does with the part of a motion below one cell: "carried" or "rounded" (see galoc.belief)."""
+
+    def prior(self, plan: Floorplan) -> Heights:
+        """What is known of the heights before the first image."""
+        if self.heights is not None:
+            return Heights.known(*self.heights, sd=self.heights_sd)
+        return Heights.under(plan.ceiling_height, self.heights_sd) if self.ceiling_from_plan else Heights()
 
 
 class Localizer:
@@ -47,9 +81,9 @@ class Localizer:
         plan: the map.
         camera: intrinsics of the images.
         detector: turns images into wireframes; not needed if wireframes are passed in.
-        geometry: layout method, "paper".
-        scoring: "cosine", the paper's.
-        config: grid and filter settings.
+        geometry: layout method, "ml" or "paper".
+        scoring: "likelihood", or "cosine", the paper's. Only "paper" with "cosine" is the paper's method.
+        config: grid, filter and what is known of the sensors.
 
     Raises:
         GalocError: unknown geometry or scoring; a plan without free space.
@@ -61,8 +95,8 @@ class Localizer:
         camera: Camera,
         *,
         detector: Detector | None = None,
-        geometry: str = "paper",
-        scoring: str = "cosine",
+        geometry: str = "ml",
+        scoring: str = "likelihood",
         config: LocalizerConfig | None = None,
     ) -> None:
         for name, value, known in (("geometry", geometry, METHODS), ("scoring", scoring, SCORINGS)):
@@ -70,50 +104,104 @@ class Localizer:
                 raise GalocError(f"{name} {value!r}", f"one of {known}", f"Use {name}={known[0]!r}.")
         self.plan, self.camera, self.detector = plan, camera, detector
         self.geometry, self.scoring = geometry, scoring
-        self.config = config or LocalizerConfig()
-        self.field = profile_field(plan, self.config.resolution)
+        self.config = config = config or LocalizerConfig()
+        self.field = profile_field(plan, config.resolution)
+        self._on_grid = manhattan(plan.segments)[0] >= GRID_SHARE
+        likely = scoring == "likelihood"
+        spread = (config.odometry_noise, math.radians(config.odometry_turn_deg)) if likely else (0.0, 0.0)
+        given = (config.diffusion_m, config.diffusion_rad)
+        diffusion = [s if g is None else g for g, s in zip(given, spread, strict=True)]
         self.belief = Belief(
-            self.field,
-            diffusion_m=self.config.diffusion_m,
-            diffusion_rad=self.config.diffusion_rad,
-            motion=self.config.motion,
+            self.field, diffusion_m=diffusion[0], diffusion_rad=diffusion[1], motion=config.motion
         )
+        self._heights = config.prior(plan)
+        self.likelihood = Likelihood(self.field) if likely else None
+        """The map as scoring "likelihood" sees it; None with "cosine"."""
+        self._tracker = Tracker(self.likelihood, self._heights, *spread) if self.likelihood is not None else None
 
     def reset(self) -> None:
-        """Forget the sequence: the belief becomes uniform."""
+        """Forget the sequence: the belief becomes uniform, learned heights are dropped."""
         self.belief.reset()
+        if self._tracker is not None:
+            self._tracker.reset()
 
-    def observe(self, observation: ArrayLike | Wireframe, gravity: ArrayLike) -> tuple[Layout, Rays]:
+    @property
+    def heights(self) -> Heights:
+        """What is known of the heights by now: given, or learned over the sequence."""
+        return self._heights if self._tracker is None else self._tracker.heights
+
+    def observe(
+        self, image: ArrayLike | Wireframe, gravity: ArrayLike, heights: Heights | None = None
+    ) -> tuple[Layout, Rays]:
         """The per-image half of the method: detect, align with gravity, look from above, cast rays.
 
         Args:
-            observation: (H, W, 3) uint8 RGB image, or its wireframe.
+            image: (H, W, 3) uint8 RGB image, or its wireframe.
             gravity: measured (roll, pitch), rad.
+            heights: what is known of the heights; None: what was given.
         """
-        wireframe = observation if isinstance(observation, Wireframe) else self._detect(observation, gravity)
-        layout = solve_layout(wireframe, self.camera, gravity, self.geometry)
+        wireframe = image if isinstance(image, Wireframe) else self._detect(image, gravity)
+        layout = solve_layout(
+            wireframe,
+            self.camera,
+            gravity,
+            self.geometry,
+            imu_sigma_rad=math.radians(self.config.imu_sigma_deg),
+            heights=heights or self._heights,
+            on_grid=self._on_grid and self.likelihood is None,  # registration knows each wall
+        )
         return layout, cast_rays(layout, self.camera)
 
-    def locate(self, observation: ArrayLike | Wireframe, gravity: ArrayLike) -> Estimate:
-        """Pose from a single image; does not touch the belief."""
-        layout, rays = self.observe(observation, gravity)
+    def scores(self, image: ArrayLike | Wireframe, gravity: ArrayLike) -> NDArray[np.float32]:
+        """(P, 360) score of every grid position (``field.positions``) and whole degree: the heat map of one image.
+
+        Scoring "cosine": similarity in [0, 1]; "likelihood": log-likelihood up to a constant.
+        """
+        layout, rays = self.observe(image, gravity)
+        if self.likelihood is not None:
+            return self.likelihood.volume(observation(layout, rays))
+        return score_volume(self.field.ranges, rays)
+
+    def locate(self, image: ArrayLike | Wireframe, gravity: ArrayLike) -> Estimate:
+        """Pose from a single image; does not touch the belief.
+
+        Args:
+            image: (H, W, 3) uint8 RGB image, or its wireframe.
+            gravity: measured (roll, pitch), rad.
+        """
+        layout, rays = self.observe(image, gravity)
+        if self.likelihood is not None:
+            return self._locate_by_likelihood(self.likelihood, observation(layout, rays), layout, rays)
         if not rays.known.any():
             return Estimate(np.full(3, np.nan), 0.0, True, rays=rays, layout=layout)
-        best = search(self.field, rays, count=self.config.candidates).candidates
+        best = search(self.field, rays, count=self.config.candidates or 32).candidates
         return Estimate(best[0, :3], confidence(rays), False, best, rays=rays, layout=layout)
 
+    def _locate_by_likelihood(
+        self, likelihood: Likelihood, seen: Observation, layout: Layout, rays: Rays
+    ) -> Estimate:
+        if seen.blind:
+            return Estimate(np.full(3, np.nan), 0.0, True, rays=rays, layout=layout)
+        modes = locate_modes(likelihood, seen, self.config.candidates or 128)
+        sure = probability_near(modes, modes.poses[0, :2])
+        candidates = np.column_stack([modes.poses[:, :3], modes.log_mass])
+        return Estimate(
+            modes.poses[0, :3], sure, False, candidates, modes.covariances[0, :3, :3], rays=rays, layout=layout
+        )
+
     def step(
-        self, observation: ArrayLike | Wireframe, gravity: ArrayLike, odometry: ArrayLike = (0.0, 0.0, 0.0)
+        self, image: ArrayLike | Wireframe, gravity: ArrayLike, odometry: ArrayLike = (0.0, 0.0, 0.0)
     ) -> Estimate:
         """Pose from the sequence so far: predict by odometry, then fuse this image.
 
         Args:
-            observation: image or wireframe.
+            image: (H, W, 3) uint8 RGB image, or its wireframe.
             gravity: measured (roll, pitch), rad.
             odometry: (dx forward, dy left, dheading) since the last step in the previous body frame, m and rad.
         """
-        layout, rays = self.observe(observation, gravity)
-        return self.fuse(rays, odometry, layout)
+        move = checked_odometry(odometry)
+        layout, rays = self.observe(image, gravity, self.heights)
+        return self.fuse(rays, move, layout)
 
     def fuse(self, rays: Rays, odometry: ArrayLike, layout: Layout | None = None) -> Estimate:
         """The sequence half of :meth:`step`, for rays from elsewhere (a laser, an oracle, another front end).
@@ -121,19 +209,62 @@ class Localizer:
         Args:
             rays: N_r rays of this camera's field of view.
             odometry: as for :meth:`step`.
-            layout: kept in the estimate.
+            layout: behind the rays; without it (or its covariance) the rays alone are scored.
         """
-        self.belief.predict(odometry)
+        move = checked_odometry(odometry)
+        self.belief.predict(move)
         seen = bool(rays.known.any())
+        if self._tracker is not None and self.likelihood is not None:
+            return self._fuse_by_likelihood(self.likelihood, self._tracker, rays, move, layout)
         if seen:
             self.belief.update(score_volume(self.field.ranges, rays), confidence(rays))
-        pose = self.belief.peak()
-        mass = self.belief.mass_near(pose, CONFIDENCE_RADIUS)
+        return self._report(self.belief.peak(), not seen, rays, layout)
+
+    def _fuse_by_likelihood(
+        self, likelihood: Likelihood, tracker: Tracker, rays: Rays, move: NDArray[np.float64], layout: Layout | None
+    ) -> Estimate:
+        layout = layout or Layout.unknown(self.geometry)
+        seen = observation(layout, rays)
+        tracker.predict(move)
+        if not seen.blind:
+            volume = likelihood.volume(seen)
+            volume -= volume.max()
+            self.belief.add(np.float32(FRAME_TEMPER) * np.maximum(volume, np.float32(FRAME_FLOOR)))
+        peak = self.belief.peak()
+        if tracker.mean is None or self._leads(peak, tracker.mean):
+            tracker.start(peak)
+        scale = tracker.update(seen)
+        assert tracker.mean is not None
+        estimate = self._report(tracker.mean, seen.blind, rays, layout, tracker.covariance)
+        if estimate.confidence > SURE and scale is not None and layout.covariance is not None:
+            tracker.learn(layout, scale)
+        elif estimate.confidence < UNSURE:
+            tracker.forget_heights()
+        return estimate
+
+    def _leads(self, peak: NDArray[np.float64], tracked: NDArray[np.float64]) -> bool:
+        """Whether the belief has come to prefer another place than the tracked one."""
+        if math.hypot(*(peak[:2] - tracked[:2])) < NEAR_M and abs(math.remainder(peak[2] - tracked[2], math.tau)) < 0.35:
+            return False
+        return self.belief.mass_near(peak, NEAR_M, 0.35) > 1.5 * self.belief.mass_near(tracked, NEAR_M, 0.35)
+
+    def _report(
+        self,
+        pose: NDArray[np.float64],
+        abstained: bool,
+        rays: Rays,
+        layout: Layout | None,
+        covariance: NDArray[np.float64] | None = None,
+    ) -> Estimate:
+        """The estimate at a pose under the present belief."""
         entropy = self.belief.entropy()
         # Before the first fix a blind frame leaves the belief uniform: there is nothing to report.
-        informed = entropy < math.log(self.belief.log_p.size) - 1e-6
-        pose = pose if informed else np.full(3, np.nan)
-        return Estimate(pose, mass if informed else 0.0, not seen, rays=rays, layout=layout, entropy=entropy)
+        if entropy >= math.log(self.belief.log_p.size) - 1e-6:
+            return Estimate(np.full(3, np.nan), 0.0, abstained, rays=rays, layout=layout, entropy=entropy)
+        mass = self.belief.mass_near(pose, NEAR_M)
+        return Estimate(
+            pose.copy(), mass, abstained, covariance=covariance, rays=rays, layout=layout, entropy=entropy
+        )
 
     def _detect(self, image: ArrayLike, gravity: ArrayLike) -> Wireframe:
         if self.detector is None:
@@ -148,5 +279,6 @@ class Localizer:
             raise GalocError(
                 f"an image of {pixels.dtype} {pixels.shape}", f"uint8 RGB of shape {expected}", "Resize or convert it."
             )
+        levelling(gravity)  # refuses what is no gravity
         roll, pitch = np.asarray(gravity, dtype=np.float64)
         return self.detector.detect(pixels, self.camera, (float(roll), float(pitch)))

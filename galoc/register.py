@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from galoc._register_kernel import register_all
 from galoc.freespace import FreeSpace
-from galoc.likelihood import MAP_SD_M, Observation
 from galoc.metrics import wrap_angle
+from galoc.observation import MAP_SD_M, Observation
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ GAMMA = 10.0
 """Sharpening exponent of the similarity (paper Eq. masked-cos)."""
 CONFIDENCE_FLOOR = 0.01
 """Least weight of an observation (paper c_min)."""
-SCORINGS = ("cosine",)
-"""Scorings of this version."""
+SCORINGS = ("likelihood", "cosine")
+"""Scorings: galoc.likelihood, and the paper's."""
 
 
 def confidence(rays: Rays) -> float:

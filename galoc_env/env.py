@@ -92,8 +92,8 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
     | `detector` | "oracle" | "oracle": true junctions plus noise |
     | `detector_noise_px` | 5.0 | sd of each junction coordinate, px of a 640 px wide image; scales with `width` |
     | `localizer` | "galoc" | "galoc", "none" or "module:Class" (below) |
-    | `geometry` | "paper" | "paper" |
-    | `scoring` | "cosine" | "cosine" |
+    | `geometry` | "ml" | "ml" or "paper" |
+    | `scoring` | "likelihood" | "likelihood" or "cosine"; only paper + cosine is the paper's method |
     | `renderer` | "gl" | "gl": pyrender; "none": `image` stays zero, all else is unchanged |
     | `width`, `height` | 320, 240 | image size, px; 16 to 4096 |
     | `hfov_deg` | 108.0 | horizontal field of view, degrees; 10 to 170 |
@@ -131,8 +131,8 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
         detector: str = "oracle",
         detector_noise_px: float = 5.0,
         localizer: str = "galoc",
-        geometry: str = "paper",
-        scoring: str = "cosine",
+        geometry: str = "ml",
+        scoring: str = "likelihood",
         renderer: str = "gl",
         width: int = 320,
         height: int = 240,

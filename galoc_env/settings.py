@@ -20,8 +20,8 @@ HOMES = 100_000
 CHOICES: dict[str, tuple[str, ...]] = {
     "split": ("train", "test"),
     "detector": ("oracle",),
-    "geometry": ("paper",),
-    "scoring": ("cosine",),
+    "geometry": ("ml", "paper"),
+    "scoring": ("likelihood", "cosine"),
     "renderer": ("gl", "none"),
     "actions": ("discrete", "continuous"),
     "reward": REWARDS,

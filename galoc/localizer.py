@@ -28,10 +28,12 @@ from galoc.types import Estimate, Layout, Rays, Wireframe
 
 GRID_SHARE = 0.95
 """Share of the map's wall length on one right-angled grid above which the wall-direction prior is used."""
-FRAME_TEMPER = 0.5
+FRAME_TEMPER = 0.9
 """Weight of one frame's log-likelihood in the belief: errors of neighbouring frames are not independent."""
 FRAME_FLOOR = -12.0
 """No frame makes a pose less likely than this against its best one, nats: a wrong frame can be outvoted."""
+FIRST_CELLS = 64
+"""Cells registered at the first view of a sequence."""
 SURE, UNSURE = 0.9, 0.3
 """Heights are learned above the first confidence and forgotten below the second."""
 
@@ -226,6 +228,8 @@ class Localizer:
         layout = layout or Layout.unknown(self.geometry)
         seen = observation(layout, rays)
         tracker.predict(move)
+        if tracker.mean is None and not seen.blind:  # the first view: registration tells rooms apart that rays do not
+            tracker.start(locate_modes(likelihood, seen, FIRST_CELLS).poses[0, :3])
         if not seen.blind:
             volume = likelihood.volume(seen)
             volume -= volume.max()

@@ -10,10 +10,14 @@ from hypothesis import strategies as st
 from galoc import GalocError
 from galoc.metrics import (
     HOLD,
+    aurc,
+    calibration_error,
     first_held,
     pose_error,
     rank,
     recall,
+    reliability,
+    risk_coverage,
     steps_to_converge,
     success,
     summarize_sequence,
@@ -113,3 +117,56 @@ def test_summary_holds_every_metric() -> None:
     assert got["success"]["paper"]["0.3m"] and not got["success"]["f3loc"]["0.2m"]
     assert got["recall"]["0.3m"] == pytest.approx(12 / 13)
     assert math.isnan(summarize_sequence([], [])["final_error_m"])
+
+
+def test_risk_follows_the_most_confident_answers() -> None:
+    coverage, risk = risk_coverage([0.1, 0.9, 0.5, 0.7], [False, True, True, False])
+    assert coverage.tolist() == [0.25, 0.5, 0.75, 1.0]
+    assert risk == pytest.approx([0.0, 1 / 2, 1 / 3, 1 / 2])
+    assert aurc([0.1, 0.9, 0.5, 0.7], [False, True, True, False]) == pytest.approx(np.mean([0, 1 / 2, 1 / 3, 1 / 2]))
+
+
+@given(st.lists(st.tuples(st.sampled_from([0.0, 0.3, 1.0]), st.booleans()), min_size=1, max_size=6))
+def test_tied_risk_is_the_mean_over_every_order(answers: list[tuple[float, bool]]) -> None:
+    from itertools import permutations
+
+    curves = []
+    for order in permutations(answers):
+        kept = sorted(order, key=lambda a: -a[0])  # stable: ties stay in the permuted order
+        curves.append(np.cumsum([not ok for _, ok in kept]) / np.arange(1, len(kept) + 1))
+    confidence, correct = zip(*answers, strict=True)
+    assert risk_coverage(confidence, correct)[1] == pytest.approx(np.mean(curves, axis=0))
+
+
+def test_uninformative_confidence_has_the_base_rate_as_risk() -> None:
+    assert aurc(np.full(10, 0.5), np.arange(10) < 3) == pytest.approx(0.7)
+    assert math.isnan(aurc([], [])) and math.isnan(calibration_error([], []))
+
+
+def test_reliability_counts_each_frame_once() -> None:
+    count, stated, right = reliability([0.0, 0.05, 0.95, 1.0], [False, True, True, True], bins=10)
+    assert count.tolist() == [2] + [0] * 8 + [2]
+    assert stated[0] == pytest.approx(0.025) and stated[-1] == pytest.approx(0.975)
+    assert right[0] == 0.5 and right[-1] == 1.0 and np.isnan(right[1:-1]).all()
+
+
+def test_calibration_error_of_true_and_of_false_confidence(rng: np.random.Generator) -> None:
+    p = rng.uniform(size=20_000)
+    honest = rng.uniform(size=len(p)) < p
+    assert calibration_error(p, honest) < 0.015
+    assert calibration_error(np.ones(100), np.zeros(100, bool)) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("confidence", "correct"), [([0.5], [True, False]), ([math.nan], [True]), ([1.5], [True]), ([[0.5]], [[True]])]
+)
+def test_confidence_that_is_none_is_refused(confidence: list, correct: list) -> None:
+    with pytest.raises(GalocError):
+        risk_coverage(confidence, correct)
+    with pytest.raises(GalocError):
+        reliability(confidence, correct)
+
+
+def test_no_bins_are_refused() -> None:
+    with pytest.raises(GalocError, match="bins"):
+        reliability([0.5], [True], bins=0)

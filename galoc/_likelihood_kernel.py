@@ -48,8 +48,8 @@ def corner_distances(positions, ranges, corners):  # type: ignore[no-untyped-def
 
 @njit(cache=True, parallel=True, fastmath=True)
 def likelihood_volume(  # type: ignore[no-untyped-def]
-    log_ranges, corner_deg, headings, seen, precision, least, scale_weight, saturation, corner_bin, corner_part,
-    corner_precision, corner_saturation, scale_precision,
+    log_ranges, corner_deg, headings, offset, stride, seen, precision, least, scale_weight, saturation, corner_bin,
+    corner_part, corner_precision, corner_saturation, scale_precision,
 ):  # fmt: skip
     """Robust log-range log-likelihood of every position and heading, the scale profiled out.
 
@@ -61,6 +61,8 @@ def likelihood_volume(  # type: ignore[no-untyped-def]
         log_ranges: (P, 360) float32.
         corner_deg: (P, 360) float32 from :func:`corner_distances`, or (0, 360) for no corner evidence.
         headings: (V,) whole degrees.
+        offset: bearing of the first ray relative to the heading, degrees.
+        stride: degrees between rays, a divisor of 360.
         seen: (n,) float32 observed log range (or limit), 0 where there is none.
         precision: (n,) float32 tempered 1/variance, 0 where there is none.
         least: (n,) float32: residuals below this count as this (0 for limits, very negative otherwise).
@@ -76,16 +78,19 @@ def likelihood_volume(  # type: ignore[no-untyped-def]
         (P, V) float32 log-likelihood up to a constant.
     """
     count, n = log_ranges.shape[0], seen.shape[0]
-    first = (n - 1) // 2
+    turn = BINS // stride
     out = np.empty((count, headings.shape[0]), np.float32)
     one = np.float32(1.0)
     for p in prange(count):
-        wall = np.empty(BINS + n, np.float32)  # unrolled: wall[v + i] lies at bearing v + i - first
-        for j in range(BINS + n):
-            wall[j] = log_ranges[p, (j - first + BINS) % BINS]
+        # Every stride-th bin side by side, and unrolled, so that the rays of one heading are contiguous.
+        wall = np.empty((stride, turn + n), np.float32)
+        for r in range(stride):
+            for j in range(turn + n):
+                wall[r, j] = log_ranges[p, (r + stride * j) % BINS]
         for h in range(headings.shape[0]):
             v = headings[h]
-            at = wall[v : v + n]
+            start = (v + offset) % BINS
+            at = wall[start % stride, start // stride : start // stride + n]
             total = scale_precision
             pull = np.float32(0.0)
             for i in range(n):

@@ -111,10 +111,17 @@ class Belief:
         self._gathered[due] = 0.0
         self.log_p = np.log(np.maximum(p, np.float32(1e-37)))
 
-    def add(self, log_likelihood: NDArray[np.float32]) -> None:
-        """Fuse one observation given as log-likelihood (P, 360), up to a constant."""
+    def add(self, log_likelihood: NDArray[np.float32], least: float = -math.inf) -> None:
+        """Fuse one observation given as log-likelihood (P, 360), up to a constant.
+
+        Args:
+            log_likelihood: (P, 360) float32.
+            least: no cell falls further below the best one than this, nats.
+        """
         self.log_p += log_likelihood
         self.log_p -= self.log_p.max()
+        if least > -math.inf:
+            np.maximum(self.log_p, np.float32(least), out=self.log_p)
 
     def update(self, scores: NDArray[np.float32], confidence: float) -> None:
         """Fuse one observation: log B += c log(epsilon + s) (paper Sec. III-E).

@@ -24,6 +24,10 @@ SATURATION = 9.0
 """Squared whitened residual at which a ray's cost saturates (half of it is charged at that residual)."""
 CORNER_SATURATION = 5.0
 """The same for an observed corner without a map corner near its bearing."""
+STRIDE = 3
+"""Every third ray is scored where more than ``MANY_RAYS`` are told."""
+MANY_RAYS = 30
+"""See STRIDE."""
 
 
 class Likelihood:
@@ -42,31 +46,43 @@ class Likelihood:
         self.corner_deg: Float32 = corner_distances(field.positions, field.ranges, self.corners)
         """(P, 360) degrees to the nearest visible map corner."""
 
-    def volume(self, seen: Observation, headings_deg: NDArray[np.int64] | None = None) -> Float32:
+    def volume(
+        self,
+        seen: Observation,
+        headings_deg: NDArray[np.int64] | None = None,
+        *,
+        rows: NDArray[np.int64] | None = None,
+    ) -> Float32:
         """(P, V) log-likelihood of every grid position and heading, up to a constant.
 
         Args:
             seen: the observation.
             headings_deg: (V,) whole degrees; None: 0..359.
+            rows: (R,) positions to score instead of all P.
         """
+        ranges, corner_deg = self.log_ranges, self.corner_deg
+        if rows is not None:
+            ranges, corner_deg = ranges[rows], corner_deg[rows]
         headings = np.arange(360, dtype=np.int64) if headings_deg is None else np.asarray(headings_deg) % 360
-        step = 2 if len(seen.azimuths) > 40 else 1  # neighbouring rays say the same; the middle ray stays the middle
         precision = 1.0 / (seen.variance + self._grid_variance(seen))
-        weight = np.where(seen.is_limit, 0.0, precision)
-        first = ((len(seen.azimuths) - 1) // 2) % step
-        keep = np.zeros(len(precision), dtype=bool)
-        keep[first::step] = True
-        share = seen.share * step
+        told = np.flatnonzero(precision > 0.0)
+        first = int(told[0]) if len(told) else 0
+        stride = STRIDE if len(told) > MANY_RAYS else 1  # neighbouring rays on one wall say the same
+        keep = np.arange(first, int(told[-1]) + 1 if len(told) else 0, stride)
+        precision, limited = precision[keep], seen.is_limit[keep]
+        share = seen.share * stride
         corner_bin, corner_part, corner_precision = self._corner_terms(seen)
         as32 = np.float32
         return likelihood_volume(
-            self.log_ranges,
-            self.corner_deg if len(corner_bin) else self.corner_deg[:0],
+            ranges,
+            corner_deg if len(corner_bin) else corner_deg[:0],
             headings,
-            seen.log_range.astype(as32),
-            np.where(keep, precision / SATURATION, 0.0).astype(as32),
-            np.where(seen.is_limit, 0.0, -1e6).astype(as32),
-            np.where(keep, weight * share, 0.0).astype(as32),
+            first - (len(seen.log_range) - 1) // 2,
+            stride,
+            seen.log_range[keep].astype(as32),
+            (precision / SATURATION).astype(as32),
+            np.where(limited, 0.0, -1e6).astype(as32),
+            (np.where(limited, 0.0, precision) * share).astype(as32),
             as32(SATURATION * share),
             corner_bin,
             corner_part.astype(as32),

@@ -34,6 +34,12 @@ FRAME_FLOOR = -12.0
 """No frame makes a pose less likely than this against its best one, nats: a wrong frame can be outvoted."""
 FIRST_CELLS = 64
 """Cells registered at the first view of a sequence."""
+HOPELESS = -20.0
+"""A position whose best heading is this much below the best pose, nats, is scored in every ``FULL_EVERY``-th frame only."""
+LEAST_LOG_P = -40.0
+"""The belief keeps at least this much of every pose, nats below the best: what was ruled out by mistake can come back."""
+LISTED_SHARE, FULL_EVERY = 0.3, 5
+"""Share of positions above which all are scored anyway; see HOPELESS."""
 SURE, UNSURE = 0.9, 0.3
 """Heights are learned above the first confidence and forgotten below the second."""
 
@@ -116,6 +122,7 @@ class Localizer:
         self.belief = Belief(
             self.field, diffusion_m=diffusion[0], diffusion_rad=diffusion[1], motion=config.motion
         )
+        self._frames = 0
         self._heights = config.prior(plan)
         self.likelihood = Likelihood(self.field) if likely else None
         """The map as scoring "likelihood" sees it; None with "cosine"."""
@@ -124,6 +131,7 @@ class Localizer:
     def reset(self) -> None:
         """Forget the sequence: the belief becomes uniform, learned heights are dropped."""
         self.belief.reset()
+        self._frames = 0
         if self._tracker is not None:
             self._tracker.reset()
 
@@ -231,9 +239,7 @@ class Localizer:
         if tracker.mean is None and not seen.blind:  # the first view: registration tells rooms apart that rays do not
             tracker.start(locate_modes(likelihood, seen, FIRST_CELLS).poses[0, :3])
         if not seen.blind:
-            volume = likelihood.volume(seen)
-            volume -= volume.max()
-            self.belief.add(np.float32(FRAME_TEMPER) * np.maximum(volume, np.float32(FRAME_FLOOR)))
+            self._add_frame(likelihood, seen)
         peak = self.belief.peak()
         if tracker.mean is None or self._leads(peak, tracker.mean):
             tracker.start(peak)
@@ -245,6 +251,18 @@ class Localizer:
         elif estimate.confidence < UNSURE:
             tracker.forget_heights()
         return estimate
+
+    def _add_frame(self, likelihood: Likelihood, seen: Observation) -> None:
+        """Score one frame and fuse it; hopeless positions are looked at only now and then."""
+        self._frames += 1
+        best = self.belief.log_p.max(axis=1)
+        rows = np.flatnonzero(best > HOPELESS)
+        if len(rows) > LISTED_SHARE * len(best) or self._frames % FULL_EVERY == 0:
+            rows = np.arange(len(best))
+        found = likelihood.volume(seen, rows=rows)
+        volume = np.full(self.belief.log_p.shape, np.float32(FRAME_FLOOR))
+        volume[rows] = np.maximum(found - found.max(), np.float32(FRAME_FLOOR))
+        self.belief.add(np.float32(FRAME_TEMPER) * volume, least=LEAST_LOG_P)
 
     def _leads(self, peak: NDArray[np.float64], tracked: NDArray[np.float64]) -> bool:
         """Whether the belief has come to prefer another place than the tracked one."""

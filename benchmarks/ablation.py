@@ -60,13 +60,15 @@ def as_published(localizer: Localizer, frame: Frame) -> Rays:
 
 def without_inscribed_step(localizer: Localizer, frame: Frame) -> Rays:
     """The bird's-eye view keeps the camera where the gauge solver put it."""
-    layout = solve_layout(frame.wireframe, localizer.camera, frame.gravity, inscribed=False)
+    layout = solve_layout(frame.wireframe, localizer.camera, frame.gravity, "paper", inscribed=False)
     return cast_rays(layout, localizer.camera)
 
 
 def fixed_gauge(localizer: Localizer, frame: Frame) -> Rays:
     """Theta = 0 instead of the search."""
-    return cast_rays(solve_layout(frame.wireframe, localizer.camera, frame.gravity, theta=0.0), localizer.camera)
+    return cast_rays(
+        solve_layout(frame.wireframe, localizer.camera, frame.gravity, "paper", theta=0.0), localizer.camera
+    )
 
 
 def without_completion(localizer: Localizer, frame: Frame) -> Rays:
@@ -75,7 +77,7 @@ def without_completion(localizer: Localizer, frame: Frame) -> Rays:
     whole = true_corners(w) == 4
     assert w.ceiling_cut is not None and w.floor_cut is not None
     w = replace(w, walls=w.walls[whole], ceiling_cut=w.ceiling_cut[whole], floor_cut=w.floor_cut[whole])
-    return cast_rays(solve_layout(w, localizer.camera, frame.gravity), localizer.camera)
+    return cast_rays(solve_layout(w, localizer.camera, frame.gravity, "paper"), localizer.camera)
 
 
 def true_ranges(localizer: Localizer, frame: Frame) -> Rays:
@@ -140,7 +142,7 @@ def run(task: tuple[str, int, int, int]) -> tuple[int, int, list[float]]:
 @lru_cache(maxsize=2)
 def _localizer(plan: str, camera: Camera, config: LocalizerConfig) -> Localizer:
     """One per process and configuration: profiles take longer than a walk."""
-    return Localizer(Floorplan.load(plan), camera, config=config)
+    return Localizer(Floorplan.load(plan), camera, geometry="paper", scoring="cosine", config=config)
 
 
 def summarize(errors: NDArray[np.float64]) -> dict[str, float]:

@@ -1,8 +1,8 @@
 """Numba kernels of the maximum-likelihood layout: Gauss-Newton over a wall chain in pixels.
 
 A chain has N nodes (wall ends). On the level plane node i stands at abscissa ``m = x / z`` with inverse depth
-``s = 1 / z``, in the gauge where the geometric mean of the two heights is 1: the ceiling then lies at ``-exp(-k / 2) s``
-and the floor at ``exp(k / 2) s`` with ``k = log(h_floor / h_ceiling)``. The parameter vector is
+``s = 1 / z``, in the gauge where the geometric mean of the two heights is 1: the ceiling then lies at
+``-exp(-k / 2) s`` and the floor at ``exp(k / 2) s`` with ``k = log(h_floor / h_ceiling)``. The parameter vector is
 ``(m_0, s_0, m_1, s_1, ..., k, roll, pitch, psi)``; psi is the direction of the walls' right-angled grid.
 """
 
@@ -13,9 +13,13 @@ import math
 import numpy as np
 from numba import njit
 
+from galoc._linalg_kernel import cholesky, cholesky_solve
+
 POINT, VERTICAL, LINE, TIE = 0, 1, 2, 3
 """Measurements: a junction; a pixel on a node's vertical; a pixel on a wall's ceiling or floor line; two nodes at one
 azimuth."""
+MAX_DIRECTION_VAR = math.radians(10.0) ** 2
+"""Walls with a more uncertain direction do not take part in the wall-direction prior, rad^2."""
 S_MIN = 0.01
 """Least inverse depth: a wall at 100 times the mean height."""
 
@@ -28,62 +32,6 @@ def levelling_matrix(roll, pitch):  # type: ignore[no-untyped-def]
     out[0, 0], out[0, 1], out[0, 2] = cr, -sr, 0.0
     out[1, 0], out[1, 1], out[1, 2] = cp * sr, cp * cr, -sp
     out[2, 0], out[2, 1], out[2, 2] = sp * sr, sp * cr, cp
-    return out
-
-
-@njit(cache=True)
-def cholesky(a, n):  # type: ignore[no-untyped-def]
-    """In-place lower Cholesky factor of the leading n x n block; False where it is not positive definite."""
-    for j in range(n):
-        d = a[j, j]
-        for k in range(j):
-            d -= a[j, k] * a[j, k]
-        if not d > 0.0:
-            return False
-        d = math.sqrt(d)
-        a[j, j] = d
-        for i in range(j + 1, n):
-            v = a[i, j]
-            for k in range(j):
-                v -= a[i, k] * a[j, k]
-            a[i, j] = v / d
-    return True
-
-
-@njit(cache=True)
-def cholesky_solve(chol, rhs, n):  # type: ignore[no-untyped-def]
-    """Solve in place with a factor from :func:`cholesky`."""
-    for i in range(n):
-        v = rhs[i]
-        for k in range(i):
-            v -= chol[i, k] * rhs[k]
-        rhs[i] = v / chol[i, i]
-    for i in range(n - 1, -1, -1):
-        v = rhs[i]
-        for k in range(i + 1, n):
-            v -= chol[k, i] * rhs[k]
-        rhs[i] = v / chol[i, i]
-
-
-@njit(cache=True)
-def cholesky_inverse(chol, n):  # type: ignore[no-untyped-def]
-    """(n, n) inverse of the matrix behind a factor from :func:`cholesky`."""
-    low = np.zeros((n, n))
-    for j in range(n):  # inverse of the factor, column by column
-        low[j, j] = 1.0 / chol[j, j]
-        for i in range(j + 1, n):
-            v = 0.0
-            for k in range(j, i):
-                v -= chol[i, k] * low[k, j]
-            low[i, j] = v / chol[i, i]
-    out = np.empty((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            v = 0.0
-            for k in range(i, n):
-                v += low[k, i] * low[k, j]
-            out[i, j] = v
-            out[j, i] = v
     return out
 
 
@@ -185,7 +133,7 @@ def measurement_rows(t, kind, a, b, row, uv, theta, n, rot, intrinsics, res, jac
 def normal_equations(  # type: ignore[no-untyped-def]
     theta, n, kind, a, b, row, uv, sd, use, intrinsics, prior, prior_sd, walls, wall_weight, wall_sd, hess, grad
 ):
-    """Fill the information matrix and the gradient at ``theta``; returns the cost (sum of squared whitened residuals)."""
+    """Fill the information matrix and the gradient at ``theta``; returns the cost, a sum of whitened squares."""
     size = 2 * n + 4
     hess[:, :] = 0.0
     grad[:] = 0.0
@@ -252,7 +200,7 @@ def wall_direction(theta, i, j):  # type: ignore[no-untyped-def]
 def iterate(  # type: ignore[no-untyped-def]
     theta, n, kind, a, b, row, uv, sd, use, intrinsics, prior, prior_sd, walls, wall_weight, wall_sd, rounds, hess, grad
 ):
-    """Gauss-Newton from ``theta`` (in place). Leaves the Cholesky factor at the last point in ``hess``; returns success."""
+    """Gauss-Newton from ``theta`` (in place). Leaves the last Cholesky factor in ``hess``; returns success."""
     size = 2 * n + 4
     for _ in range(rounds):
         normal_equations(
@@ -287,7 +235,7 @@ def worst_group(theta, n, kind, a, b, row, uv, sd, use, group, intrinsics, cov):
     that statistic divided by its 99.9 % quantile. The typical chi2 per freedom is the median over the groups, which one
     gross error does not move.
     """
-    groups = group.max() + 1
+    groups = group.max() + 1 if group.shape[0] > 0 else 0
     square = np.zeros(groups)
     redundancy = np.zeros(groups)
     rows_in = np.zeros(groups)
@@ -330,8 +278,8 @@ def worst_group(theta, n, kind, a, b, row, uv, sd, use, group, intrinsics, cov):
 def grid_weights(theta, n, walls, cov, wall_sd, share):  # type: ignore[no-untyped-def]
     """Probability of each wall to lie on the best right-angled grid, and that grid's direction (mixture, E step).
 
-    Every wall proposes its own direction; predicted direction variances decide who agrees. All zero where fewer than two
-    walls do.
+    Every wall proposes its own direction; predicted direction variances decide who agrees. All zero where fewer than
+    two walls do.
     """
     count = walls.shape[0]
     angle = np.empty(count)
@@ -370,7 +318,8 @@ def grid_weights(theta, n, walls, cov, wall_sd, share):  # type: ignore[no-untyp
             weight[:] = trial
     agree = 0.0
     for w in range(count):
-        if weight[w] < 0.3:
+        # A wall whose direction is hardly known may snap to the wrong axis.
+        if weight[w] < 0.3 or variance[w] > MAX_DIRECTION_VAR:
             weight[w] = 0.0
         agree += weight[w]
     if agree < 1.5:

@@ -11,17 +11,30 @@ from galoc._chain_kernel import (
     POINT,
     TIE,
     VERTICAL,
-    cholesky_inverse,
     grid_weights,
     iterate,
     levelling_matrix,
     worst_group,
 )
+from galoc._linalg_kernel import cholesky_inverse
 
 WALL_SD = math.radians(0.5)
 """Spread of real walls about their grid, rad."""
 GRID_SHARE = 0.8
 """Prior probability that a wall of a right-angled map is on the grid as seen (thin panels are often not)."""
+
+
+@njit(cache=True)
+def height_ratio(a, b, c, k0, k_sd, noise):  # type: ignore[no-untyped-def]
+    """Log height ratio k from the sums ``yc yc``, ``yc yf`` and ``yf yf`` over the pairs, see :func:`tls`."""
+    if not a + c > 0.0:
+        return k0
+    angle = 0.5 * math.atan2(2.0 * b, a - c)
+    if not 0.0 < angle < math.pi / 2.0:
+        return k0
+    variance = noise * noise / (a + c) * 4.0 / math.sin(2.0 * angle) ** 2
+    share = k_sd * k_sd / (k_sd * k_sd + variance)
+    return k0 + share * (min(max(math.log(math.tan(angle)), -2.0), 2.0) - k0)
 
 
 @njit(cache=True)
@@ -43,14 +56,7 @@ def tls(yc, yf, k0, k_sd, noise):  # type: ignore[no-untyped-def]
         a += yc[i] * yc[i]
         b += yc[i] * yf[i]
         c += yf[i] * yf[i]
-    k = k0
-    if a + c > 0.0:
-        angle = 0.5 * math.atan2(2.0 * b, a - c)
-        if 0.0 < angle < math.pi / 2.0:
-            k_seen = math.log(math.tan(angle))
-            variance = noise * noise / (a + c) * 4.0 / math.sin(2.0 * angle) ** 2
-            share = k_sd * k_sd / (k_sd * k_sd + variance)
-            k = k0 + share * (min(max(k_seen, -2.0), 2.0) - k0)
+    k = height_ratio(a, b, c, k0, k_sd, noise)
     hc, hf = math.exp(-0.5 * k), math.exp(0.5 * k)
     s = np.empty(yc.shape[0])
     for i in range(yc.shape[0]):

@@ -1,19 +1,80 @@
-"""Numba kernel of the batch solver: bare ceiling/floor pairs, many frames of equal N."""
+"""Numba kernels of the batch solvers: bare ceiling/floor pairs, many frames of equal N."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numba import njit
 
 from galoc._chain_kernel import POINT, levelling_matrix
-from galoc._chain_solve import solve_chain, start
+from galoc._chain_solve import height_ratio, solve_chain
+
+
+@njit(cache=True)
+def tls_batch(ceiling, floor, ceiling_seen, floor_seen, gravity, sd, intrinsics, k0, k_sd, s0):  # type: ignore[no-untyped-def]
+    """Closed-form solution of B frames of N pairs: the start of :func:`solve_batch`, on its own.
+
+    Arguments as in :func:`solve_batch`.
+
+    Returns:
+        m (B, N), s (B, N), k (B,).
+    """
+    frames, n = ceiling.shape[0], ceiling.shape[1]
+    ms = np.empty((frames, n))
+    ss = np.empty((frames, n))
+    ks = np.empty(frames)
+    y = np.empty((n, 2))
+    there = np.empty((n, 2), np.bool_)
+    fx, fy, cx, cy = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
+    for f in range(frames):
+        cr, sr = math.cos(gravity[f, 0]), math.sin(gravity[f, 0])
+        cp, sp = math.cos(gravity[f, 1]), math.sin(gravity[f, 1])
+        a = b = c = 0.0
+        for i in range(n):
+            m, count, clipped, rows = 0.0, 0, 0.0, 0
+            for r in range(2):
+                there[i, r] = False
+                if not (ceiling_seen[f, i] if r == 0 else floor_seen[f, i]):
+                    continue
+                q0 = ((ceiling[f, i, 0] if r == 0 else floor[f, i, 0]) - cx) / fx
+                q1 = ((ceiling[f, i, 1] if r == 0 else floor[f, i, 1]) - cy) / fy
+                along, turned = cr * q0 - sr * q1, sr * q0 + cr * q1
+                ahead = sp * turned + cp
+                rows += 1
+                clipped += along / max(ahead, 1e-3)
+                if ahead < 1e-3:
+                    continue  # beside or behind the level camera: no point of the plane
+                there[i, r] = True
+                m += along / ahead
+                count += 1
+                y[i, r] = (cp * turned - sp) / ahead
+            ms[f, i] = m / count if count > 0 else (clipped / rows if rows > 0 else 0.0)
+            if there[i, 0]:
+                y[i, 0] = -y[i, 0]
+            if there[i, 0] and there[i, 1]:
+                a += y[i, 0] * y[i, 0]
+                b += y[i, 0] * y[i, 1]
+                c += y[i, 1] * y[i, 1]
+        k = height_ratio(a, b, c, k0, k_sd, sd / fx)
+        hc, hf = math.exp(-0.5 * k), math.exp(0.5 * k)
+        for i in range(n):
+            s = s0
+            if there[i, 0] and there[i, 1]:
+                s = max((hc * y[i, 0] + hf * y[i, 1]) / (hc * hc + hf * hf), 0.02)
+            elif there[i, 0]:
+                s = max(y[i, 0] / hc, 0.02)
+            elif there[i, 1]:
+                s = max(y[i, 1] / hf, 0.02)
+            ss[f, i] = s
+        ks[f] = k
+    return ms, ss, ks
 
 
 @njit(cache=True)
 def solve_batch(  # type: ignore[no-untyped-def]
-    ceiling, floor, ceiling_seen, floor_seen, gravity, sd, intrinsics, imu_sd, k0, k_sd, s0, s_sd, drops, scale_free,
-    closed_form,
-):  # fmt: skip
+    ceiling, floor, ceiling_seen, floor_seen, gravity, sd, intrinsics, imu_sd, k0, k_sd, s0, s_sd, drops, scale_free
+):
     """Solve B frames of N pairs each.
 
     Args:
@@ -31,7 +92,6 @@ def solve_batch(  # type: ignore[no-untyped-def]
         s_sd: its sd.
         drops: pairs the gate may refuse.
         scale_free: estimate the noise from the residuals.
-        closed_form: stop after the TLS start (no iteration, no covariance, no gate).
 
     Returns:
         theta (B, 2N+4), covariance (B, 2N, 2N), flagged (B, N), noise factor (B,) (-1: not solved).
@@ -39,7 +99,7 @@ def solve_batch(  # type: ignore[no-untyped-def]
     frames, n = ceiling.shape[0], ceiling.shape[1]
     size = 2 * n + 4
     thetas = np.empty((frames, size))
-    covs = np.zeros((frames, 0 if closed_form else 2 * n, 0 if closed_form else 2 * n))
+    covs = np.zeros((frames, 2 * n, 2 * n))
     flagged = np.zeros((frames, n), np.bool_)
     factors = np.ones(frames)
     prior = np.empty(size)
@@ -75,9 +135,6 @@ def solve_batch(  # type: ignore[no-untyped-def]
         prior[2 * n + 1], prior_sd[2 * n + 1] = gravity[f, 0], imu_sd
         prior[2 * n + 2], prior_sd[2 * n + 2] = gravity[f, 1], imu_sd
         prior[2 * n + 3], prior_sd[2 * n + 3] = 0.0, 10.0
-        if closed_form:
-            thetas[f] = start(n, kind, a, row, uv, sds, intrinsics, prior, prior_sd)
-            continue
         theta, cov, use, factor = solve_chain(
             n, kind, a, a, row, uv, sds, a, intrinsics, prior, prior_sd, walls, False, drops, scale_free
         )

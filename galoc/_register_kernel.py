@@ -1,9 +1,9 @@
 """Numba kernels that register a wall chain to the map: corner assignment and Gauss-Newton over (x, y, heading, scale).
 
-The chain's nodes live on the level plane as (m, s) with a joint covariance (tilt, height ratio and pixel noise already in
-it). A map corner at body coordinates (right, forward) = (x, z) is predicted at ``m = x / z, s = exp(g) / z``, g the log
-scale; a map wall is a straight line there. A node that is no map corner only has to lie on a wall: its covariance is
-opened along that line.
+The chain's nodes live on the level plane as (m, s) with a joint covariance (tilt, height ratio and pixel noise already
+in it). A map corner at body coordinates (right, forward) = (x, z) is predicted at ``m = x / z, s = exp(g) / z``, g the
+log scale; a map wall is a straight line there. A node that is no map corner only has to lie on a wall: its covariance
+is opened along that line.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from galoc._chain_kernel import cholesky, cholesky_inverse, cholesky_solve
+from galoc._linalg_kernel import cholesky, cholesky_inverse, cholesky_solve
+from galoc._visibility_kernel import NEAR, cast, nearby, ray_cost, unseen_corners, visible_corners
 
 ON_CORNER, ON_WALL, OUTLIER = 0, 1, 2
 ALONG_WALL = 0.3
@@ -21,76 +22,16 @@ ALONG_WALL = 0.3
 OUTLIER_SD = 1.0
 """The same in both directions for a node that nothing in the map explains."""
 ROUNDS = 5
-NEAR = 0.08
-"""Nothing nearer than this is predicted, m."""
-
-
-@njit(cache=True)
-def cast(segments, x, y, c, s):  # type: ignore[no-untyped-def]
-    """Range and index of the first segment along direction (c, s); (inf, -1) for none. The direction need not be unit."""
-    best, index = np.inf, -1
-    for k in range(segments.shape[0]):
-        x0, y0 = segments[k, 0] - x, segments[k, 1] - y
-        dx, dy = segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1]
-        den = c * dy - s * dx
-        if den == 0.0:
-            continue
-        t = (x0 * dy - y0 * dx) / den
-        if t <= 1e-9 or t >= best:
-            continue
-        u = (x0 * s - y0 * c) / den
-        if u < -1e-9 or u > 1.0 + 1e-9:
-            continue
-        best, index = t, k
-    return best, index
-
-
-@njit(cache=True)
-def nearby(segments, x, y, reach):  # type: ignore[no-untyped-def]
-    """Segments that come within ``reach`` of (x, y)."""
-    keep = np.empty(segments.shape[0], np.int64)
-    count = 0
-    for k in range(segments.shape[0]):
-        ax, ay = segments[k, 0] - x, segments[k, 1] - y
-        dx, dy = segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1]
-        u = min(1.0, max(0.0, -(ax * dx + ay * dy) / (dx * dx + dy * dy)))
-        if (ax + u * dx) ** 2 + (ay + u * dy) ** 2 <= reach * reach:
-            keep[count] = k
-            count += 1
-    out = np.empty((count, 4))
-    for k in range(count):
-        out[k] = segments[keep[k]]
-    return out
-
-
-@njit(cache=True)
-def visible_corners(segments, corners, x, y, heading, m_low, m_high, out):  # type: ignore[no-untyped-def]
-    """Map corners seen within [m_low, m_high], written to ``out`` as rows (m, z, corner index); returns their number."""
-    c, s = math.cos(heading), math.sin(heading)
-    count = 0
-    for k in range(corners.shape[0]):
-        dx, dy = corners[k, 0] - x, corners[k, 1] - y
-        z = c * dx + s * dy
-        if z < NEAR or count >= out.shape[0]:
-            continue
-        m = (s * dx - c * dy) / z
-        if m < m_low or m > m_high:
-            continue
-        reach, _ = cast(segments, x, y, dx, dy)  # in multiples of the distance to the corner
-        if reach < 1.0 - 0.03 / math.hypot(dx, dy) - 0.005:
-            continue
-        out[count, 0], out[count, 1], out[count, 2] = m, z, k
-        count += 1
-    return count
 
 
 @njit(cache=True)
 def assign(  # type: ignore[no-untyped-def]
-    pose, segments, corners, nodes, cov, is_corner, side, slack_m, slack_az, slack_g, map_sd, corner_share, state, data, seen
-):
+    pose, segments, corners, nodes, cov, is_corner, side, slack_m, slack_az, slack_g, map_sd, corner_share, state, data,
+    seen,
+):  # fmt: skip
     """Choose for every node what it is in the map: a corner, a point on a wall, or nothing.
 
-    ``state`` (N,) gets the choice; ``data`` (N, 4) a corner's (x, y) or a wall's (point x, point y, normal x, normal y).
+    ``state`` (N,) gets the choice; ``data`` (N, 4) a corner's (x, y) or a wall's (point x, y, normal x, y).
     Returns the log prior of the choices.
     """
     n = nodes.shape[0]
@@ -255,7 +196,7 @@ def register(  # type: ignore[no-untyped-def]
             pose, segments, corners, nodes, cov, is_corner, side, 0.07 * ease, 0.01 * ease, 0.08 * ease, map_sd,
             corner_share, state, data, seen,
         )  # fmt: skip
-        for step in range(2):
+        for _ in range(2):
             linearize(pose, nodes, cov, state, data, map_sd, e, jac, big)
             if not cholesky(big, 2 * n):
                 return pose, info, -1e18, 0, n
@@ -309,49 +250,6 @@ def register(  # type: ignore[no-untyped-def]
     return pose, info, evidence, matched, lost
 
 
-@njit(cache=True)
-def ray_cost(pose, segments, azimuths, seen, sd, least, saturation):  # type: ignore[no-untyped-def]
-    """Robust squared residuals of the rays at a pose, summed: nodes say how well walls fit, rays that nothing stands
-    between them.
-    """
-    x, y, heading, g = pose[0], pose[1], pose[2], pose[3]
-    total = 0.0
-    for i in range(azimuths.shape[0]):
-        if not sd[i] > 0.0:
-            continue
-        b = heading - azimuths[i]
-        reach, k = cast(segments, x, y, math.cos(b), math.sin(b))
-        # A map without a wall there contradicts a wall that is seen, fully.
-        e = max(math.log(reach) - seen[i] - g, least[i]) / sd[i] if k >= 0 else 1e3
-        total += e * e * saturation / (e * e + saturation)
-    return total
-
-
-@njit(cache=True)
-def unseen_corners(pose, segments, corners, nodes, cov, azimuths, sd, seen):  # type: ignore[no-untyped-def]
-    """Map corners that should be seen on the known walls and are not: their number at a pose."""
-    n = nodes.shape[0]
-    count = visible_corners(segments, corners, pose[0], pose[1], pose[2], -20.0, 20.0, seen)
-    missing = 0.0
-    for q in range(count):
-        m = seen[q, 0]
-        azimuth = math.atan(m)
-        covered = False
-        for i in range(azimuths.shape[0]):
-            if sd[i] > 0.0 and abs(azimuths[i] - azimuth) < 0.02:
-                covered = True
-                break
-        if not covered:
-            continue
-        for i in range(n):
-            if abs(nodes[i, 0] - m) < 3.0 * math.sqrt(cov[2 * i, 2 * i]) + 0.02 * (1.0 + m * m):
-                covered = False
-                break
-        if covered:
-            missing += 1.0
-    return missing
-
-
 @njit(cache=True, parallel=True)
 def register_all(  # type: ignore[no-untyped-def]
     starts, segments, corners, nodes, cov, is_corner, side, prior_precision, map_sd, corner_share, slack, reach,
@@ -379,8 +277,9 @@ def register_all(  # type: ignore[no-untyped-def]
                 near += 1
         local_corners = corners[inside[:near]]
         pose, info, evidence, matched, lost = register(
-            starts[c], local, local_corners, nodes, cov, is_corner, side, starts[c], prior_precision, map_sd, corner_share, slack
-        )
+            starts[c], local, local_corners, nodes, cov, is_corner, side, starts[c], prior_precision, map_sd,
+            corner_share, slack,
+        )  # fmt: skip
         poses[c] = pose
         counts[c, 0], counts[c, 1] = matched, lost
         if evidence <= -1e17:

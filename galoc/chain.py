@@ -1,8 +1,8 @@
 """The maximum-likelihood wall chain: everything a wireframe measures, fitted at once in pixels.
 
 What the paper completes by construction is measured here: a junction that is out of the image, a wall cut by the image
-edge or seen by its ceiling line alone all enter the same least squares, and the covariance says what is known. Derivation
-in docs/geometry.md.
+edge or seen by its ceiling line alone all enter the same least squares, and the covariance says what is known.
+Derivation in docs/geometry.md.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from galoc._chain_kernel import LINE, POINT, TIE, VERTICAL
 from galoc._chain_solve import solve_chain
-from galoc.camera import Camera
+from galoc.camera import MAX_TILT, Camera
 from galoc.heights import Heights
 from galoc.types import BORDER, OCCLUSION, Wireframe
 
@@ -115,7 +115,7 @@ def fit_chain(
         n, kind, a, b, row, uv, sd, group, intrinsics(camera), prior, prior_sd, wireframe.walls, on_grid,
         min(MAX_DROPS, n // 3), wireframe.sigma_px is None,
     )  # fmt: skip
-    if factor < 0.0 or not np.all(np.isfinite(theta)):
+    if factor < 0.0 or not np.all(np.isfinite(theta)) or np.abs(theta[2 * n + 1 : 2 * n + 3]).max() > MAX_TILT:
         return None
     dropped = np.zeros(n, dtype=bool)
     dropped[a[(kind == POINT) & ~use]] = True
@@ -131,7 +131,9 @@ def intrinsics(camera: Camera) -> Array:
     return np.array([camera.fx, camera.fy, camera.cx, camera.cy])
 
 
-def priors(m0: Array, pinned: NDArray[np.bool_], gravity: Array, imu_sd: float, heights: Heights) -> tuple[Array, Array]:
+def priors(
+    m0: Array, pinned: NDArray[np.bool_], gravity: Array, imu_sd: float, heights: Heights
+) -> tuple[Array, Array]:
     """Prior means and standard deviations (2N+4,) of the parameter vector; pinned nodes keep their abscissa."""
     n = len(m0)
     mean, spread = np.empty(2 * n + 4), np.empty(2 * n + 4)

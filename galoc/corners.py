@@ -30,11 +30,13 @@ def map_corners(plan: Floorplan) -> tuple[Array, float]:
         low on rasters and scans, whose corners are mostly steps.
     """
     ends = plan.segments.reshape(-1, 2)
-    _, first, member = np.unique(np.round(ends / SAME_M).astype(np.int64), axis=0, return_index=True, return_inverse=True)
+    rounded = np.round(ends / SAME_M).astype(np.int64)
+    _, first, member = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
     member = member.reshape(-1)
     steps = plan.segments[:, 2:] - plan.segments[:, :2]
     length = np.repeat(np.hypot(*steps.T), 2)
-    outward = np.repeat(steps, 2, axis=0) * np.tile([[1.0], [-1.0]], (len(steps), 1)) / np.maximum(length, 1e-9)[:, None]
+    outward = np.repeat(steps, 2, axis=0) * np.tile([[1.0], [-1.0]], (len(steps), 1))
+    outward /= np.maximum(length, 1e-9)[:, None]
     count = np.bincount(member)
     total = np.stack([np.bincount(member, outward[:, k]) for k in (0, 1)], axis=1)
     # Two unit vectors that point apart by nearly pi add up to 2 sin(turn / 2).

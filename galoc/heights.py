@@ -35,8 +35,8 @@ class Heights:
     covariance: float = 0.0
     """Covariance of the two."""
     ceiling: tuple[float, float] | None = None
-    """Log of the ceiling's height above the floor (m) and its standard deviation, where the map gives it: with the fitted
-    ratio it fixes the scale. None: not known, or already in the fields above."""
+    """Log of the ceiling's height above the floor (m) and its standard deviation, where the map gives it: with the
+    fitted ratio it fixes the scale. None: not known, or already in the fields above."""
 
     @classmethod
     def known(cls, camera_m: float, ceiling_m: float, sd: float = 0.03) -> Heights:
@@ -45,7 +45,7 @@ class Heights:
         Args:
             camera_m: camera above the floor, m.
             ceiling_m: ceiling above the floor, m.
-            sd: relative standard deviation of each of the two heights from the camera.
+            sd: relative standard deviation of each of these two heights.
 
         Raises:
             GalocError: camera not between floor and ceiling, or a useless sd.
@@ -59,7 +59,10 @@ class Heights:
                 "0 < camera height < ceiling height and a relative sd from 0.0001 to 2",
                 "Give both heights above the floor in metres.",
             )
-        return cls(math.log(ceiling_m - camera_m), math.log(camera_m), sd**2, sd**2)
+        above = ceiling_m - camera_m
+        share = camera_m / above  # errors of both given heights are in the ceiling's height above the camera
+        var_above = sd**2 * (share**2 + (ceiling_m / above) ** 2)
+        return cls(math.log(above), math.log(camera_m), var_above, sd**2, -(sd**2) * share)
 
     @classmethod
     def under(cls, ceiling_m: float, sd: float = 0.03) -> Heights:
@@ -96,7 +99,8 @@ class Heights:
         """
         if self.ceiling is not None:  # h_floor = H e^k / (1 + e^k), h_ceiling = H / (1 + e^k)
             share = 1.0 / (1.0 + math.exp(-k))
-            return self.ceiling[0] + 0.5 * k - math.log1p(math.exp(k)), math.hypot(self.ceiling[1], (0.5 - share) * k_sd)
+            mean = self.ceiling[0] + 0.5 * k - math.log1p(math.exp(k))
+            return mean, math.hypot(self.ceiling[1], (0.5 - share) * k_sd)
         mean = 0.5 * (self.log_floor + self.log_ceiling)
         variance = 0.25 * (self.var_ceiling + self.var_floor + 2.0 * self.covariance)
         slope = 0.5 * (self.var_floor - self.var_ceiling) / self.k_sd**2

@@ -101,7 +101,7 @@ class Likelihood:
         )  # fmt: skip
 
     def _grid_variance(self, seen: Observation) -> Array:
-        """(n,) log-range variance because a cell's centre and a whole degree stand for the pose: larger where it grazes."""
+        """(n,) log-range variance as a cell's centre and a whole degree stand for the pose: larger where it grazes."""
         slope = np.zeros(len(seen.log_range))
         known = np.isfinite(seen.variance) & ~seen.is_limit
         if np.count_nonzero(known) > 1:

@@ -35,9 +35,9 @@ FRAME_FLOOR = -12.0
 FIRST_CELLS = 64
 """Cells registered at the first view of a sequence."""
 HOPELESS = -20.0
-"""A position whose best heading is this much below the best pose, nats, is scored in every ``FULL_EVERY``-th frame only."""
+"""A position whose best heading is this much below the best pose, nats, is scored in each ``FULL_EVERY``-th frame."""
 LEAST_LOG_P = -40.0
-"""The belief keeps at least this much of every pose, nats below the best: what was ruled out by mistake can come back."""
+"""The belief keeps this much of every pose, nats below the best: what was ruled out by mistake can come back."""
 LISTED_SHARE, FULL_EVERY = 0.3, 5
 """Share of positions above which all are scored anyway; see HOPELESS."""
 SURE, UNSURE = 0.9, 0.3
@@ -46,13 +46,13 @@ SURE, UNSURE = 0.9, 0.3
 
 @dataclass(frozen=True, slots=True)
 class LocalizerConfig:
-    """Everything that can be set; the defaults are the paper's where it states them."""
+    """Everything that can be set. With scoring "cosine" the defaults are the paper's where it states them."""
 
     resolution: float = 0.1
     """Grid step of the coarse search and of the belief, m (large plans are coarsened, see galoc.profiles)."""
     candidates: int | None = None
-    """Cells that :meth:`Localizer.locate` looks at closely; None: 32 refined to 0.01 m (scoring "cosine"), 128 registered
-    to the map ("likelihood")."""
+    """Cells that :meth:`Localizer.locate` looks at closely; None: 32 refined to 0.01 m (scoring "cosine"), 128
+    registered to the map ("likelihood")."""
     heights: tuple[float, float] | None = None
     """Known height of the camera and of the ceiling above the floor, m (geometry "ml"); None: unknown. Over a sequence
     they are learned."""
@@ -71,7 +71,7 @@ class LocalizerConfig:
     """Position diffusion of the filter per metre moved, m/m. None: 0 ("cosine", as the paper), ``odometry_noise``
     ("likelihood")."""
     diffusion_rad: float | None = None
-    """Heading diffusion of the filter per moving step, rad. None: 0 ("cosine"), ``odometry_turn_deg`` ("likelihood")."""
+    """Heading diffusion of the filter per moving step, rad. None: 0 ("cosine") or ``odometry_turn_deg``."""
     motion: str = "carried"
     """What the filter does with the part of a motion below one cell: "carried" or "rounded" (see galoc.belief)."""
 
@@ -119,9 +119,7 @@ class Localizer:
         spread = (config.odometry_noise, math.radians(config.odometry_turn_deg)) if likely else (0.0, 0.0)
         given = (config.diffusion_m, config.diffusion_rad)
         diffusion = [s if g is None else g for g, s in zip(given, spread, strict=True)]
-        self.belief = Belief(
-            self.field, diffusion_m=diffusion[0], diffusion_rad=diffusion[1], motion=config.motion
-        )
+        self.belief = Belief(self.field, diffusion_m=diffusion[0], diffusion_rad=diffusion[1], motion=config.motion)
         self._frames = 0
         self._heights = config.prior(plan)
         self.likelihood = Likelihood(self.field) if likely else None
@@ -187,9 +185,7 @@ class Localizer:
         best = search(self.field, rays, count=self.config.candidates or 32).candidates
         return Estimate(best[0, :3], confidence(rays), False, best, rays=rays, layout=layout)
 
-    def _locate_by_likelihood(
-        self, likelihood: Likelihood, seen: Observation, layout: Layout, rays: Rays
-    ) -> Estimate:
+    def _locate_by_likelihood(self, likelihood: Likelihood, seen: Observation, layout: Layout, rays: Rays) -> Estimate:
         if seen.blind:
             return Estimate(np.full(3, np.nan), 0.0, True, rays=rays, layout=layout)
         modes = locate_modes(likelihood, seen, self.config.candidates or 128)
@@ -199,9 +195,7 @@ class Localizer:
             modes.poses[0, :3], sure, False, candidates, modes.covariances[0, :3, :3], rays=rays, layout=layout
         )
 
-    def step(
-        self, image: ArrayLike | Wireframe, gravity: ArrayLike, odometry: ArrayLike = (0.0, 0.0, 0.0)
-    ) -> Estimate:
+    def step(self, image: ArrayLike | Wireframe, gravity: ArrayLike, odometry: ArrayLike = (0.0, 0.0, 0.0)) -> Estimate:
         """Pose from the sequence so far: predict by odometry, then fuse this image.
 
         Args:
@@ -266,7 +260,8 @@ class Localizer:
 
     def _leads(self, peak: NDArray[np.float64], tracked: NDArray[np.float64]) -> bool:
         """Whether the belief has come to prefer another place than the tracked one."""
-        if math.hypot(*(peak[:2] - tracked[:2])) < NEAR_M and abs(math.remainder(peak[2] - tracked[2], math.tau)) < 0.35:
+        turned = abs(math.remainder(peak[2] - tracked[2], math.tau))
+        if math.hypot(*(peak[:2] - tracked[:2])) < NEAR_M and turned < 0.35:
             return False
         return self.belief.mass_near(peak, NEAR_M, 0.35) > 1.5 * self.belief.mass_near(tracked, NEAR_M, 0.35)
 
@@ -284,9 +279,7 @@ class Localizer:
         if entropy >= math.log(self.belief.log_p.size) - 1e-6:
             return Estimate(np.full(3, np.nan), 0.0, abstained, rays=rays, layout=layout, entropy=entropy)
         mass = self.belief.mass_near(pose, NEAR_M)
-        return Estimate(
-            pose.copy(), mass, abstained, covariance=covariance, rays=rays, layout=layout, entropy=entropy
-        )
+        return Estimate(pose.copy(), mass, abstained, covariance=covariance, rays=rays, layout=layout, entropy=entropy)
 
     def _detect(self, image: ArrayLike, gravity: ArrayLike) -> Wireframe:
         if self.detector is None:

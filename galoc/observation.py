@@ -50,7 +50,7 @@ class Observation:
     @property
     def share(self) -> float:
         """Weight of one ray: the rays of a frame together count as ``EFFECTIVE_RAYS``."""
-        count = np.count_nonzero(np.isfinite(self.variance))
+        count = int(np.count_nonzero(np.isfinite(self.variance)))
         return min(1.0, EFFECTIVE_RAYS / max(count, 1))
 
     @property

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from galoc._pairs_kernel import solve_batch
-from galoc.camera import Camera, levelling
+from galoc._pairs_kernel import solve_batch, tls_batch
+from galoc.camera import MAX_TILT, Camera, levelling
 from galoc.chain import MAX_DROPS, S_PRIOR, SIGMA_FLOOR_PX, SIGMA_PX, intrinsics, to_points
 from galoc.errors import GalocError
 from galoc.heights import Heights
@@ -79,7 +79,7 @@ def solve_pairs(
     g = np.asarray(gravity, dtype=np.float64).reshape(-1, 2) if np.size(gravity) == 2 * len(p) else None
     if g is None:
         raise GalocError(f"gravity of shape {np.shape(gravity)}", f"({len(p)}, 2)", "Give roll and pitch per frame.")
-    for row in g:
+    for row in g[~(np.abs(g) <= MAX_TILT).all(axis=1)][:1]:
         levelling(row)  # refuses NaN and more than 85 degrees
     seen = [_mask(name, m, p.shape[:2]) for name, m in (("ceiling_seen", ceiling_seen), ("floor_seen", floor_seen))]
     if method not in PAIR_METHODS:
@@ -93,22 +93,37 @@ def solve_pairs(
     heights = heights or Heights()
     n = p.shape[1]
     sd = SIGMA_PX * camera.width if sigma_px is None else max(float(sigma_px), SIGMA_FLOOR_PX * camera.width)
+    if method == "tls":
+        return _closed_form(p, q, seen, g, sd, camera, heights)
     theta, cov, flagged, factor = solve_batch(
         p, q, seen[0], seen[1], g, sd, intrinsics(camera), max(imu_sigma_rad, 1e-4), heights.k, heights.k_sd, *S_PRIOR,
-        min(MAX_DROPS, n // 3), sigma_px is None, method == "tls",
+        min(MAX_DROPS, n // 3), sigma_px is None,
     )  # fmt: skip
     m, s, k = theta[:, : 2 * n : 2], theta[:, 1 : 2 * n : 2], theta[:, 2 * n]
-    points, spread = (np.stack([m / s, 1.0 / s], axis=-1), None) if method == "tls" else to_points(m, s, cov)
+    points, spread = to_points(m, s, cov)
     lost = ~(seen[0] | seen[1]) | flagged | (factor < 0)[:, None]
     points[lost] = np.nan
     return PairSolution(
         points,
         np.exp(np.stack([-0.5 * k, 0.5 * k], axis=1)),
-        g if method == "tls" else theta[:, 2 * n + 1 : 2 * n + 3],
+        theta[:, 2 * n + 1 : 2 * n + 3],
         spread,
         flagged,
         sd * np.abs(factor),
     )
+
+
+def _closed_form(
+    p: Array, q: Array, seen: list[NDArray[np.bool_]], gravity: Array, sd: float, camera: Camera, heights: Heights
+) -> PairSolution:
+    """Total least squares at the measured gravity: no iteration, no covariance, no gate."""
+    m, s, k = tls_batch(p, q, seen[0], seen[1], gravity, sd, intrinsics(camera), heights.k, heights.k_sd, S_PRIOR[0])
+    z = 1.0 / s
+    points = np.stack([m * z, z], axis=-1)
+    points[~(seen[0] | seen[1])] = np.nan
+    ratio = np.exp(0.5 * k)
+    none = np.zeros(s.shape, dtype=bool)
+    return PairSolution(points, np.stack([1.0 / ratio, ratio], axis=1), gravity, None, none, np.full(len(p), sd))
 
 
 def _pixels(name: str, value: ArrayLike) -> Array:
@@ -130,14 +145,16 @@ def _mask(name: str, value: ArrayLike | None, shape: tuple[int, ...]) -> NDArray
     return mask
 
 
-def _paper(p: Array, q: Array, whole: NDArray[np.bool_], camera: Camera, gravity: Array, *, fixed: bool) -> PairSolution:
+def _paper(
+    p: Array, q: Array, whole: NDArray[np.bool_], camera: Camera, gravity: Array, *, fixed: bool
+) -> PairSolution:
     """The paper's solver on the pairs of each frame that are whole; the others are NaN."""
     from galoc.gauge import solve_points
 
     frames, n = p.shape[:2]
     points, heights = np.full((frames, n, 2), np.nan), np.full((frames, 2), np.nan)
     theta = 0.0 if fixed else None
-    levels = np.stack([levelling(g) for g in gravity])
+    levels = np.array([levelling(g) for g in gravity]).reshape(-1, 3, 3)
     rays = [np.einsum("bij,bnj->bni", levels, camera.rays_camera(x)) for x in (p, q)]
     groups: dict[bytes, list[int]] = {}
     for f in range(frames):
@@ -146,7 +163,7 @@ def _paper(p: Array, q: Array, whole: NDArray[np.bool_], camera: Camera, gravity
         columns = np.flatnonzero(whole[members[0]])
         if len(columns) < 2:
             continue
-        rows = np.ix_(members, columns)
+        rows = np.ix_(np.array(members), columns)
         xz, h, _ = solve_points(rays[0][rows], rays[1][rows], theta=theta)
         with np.errstate(divide="ignore", invalid="ignore"):
             unit = np.sqrt(np.abs(h[:, 0] * h[:, 1]))

@@ -33,9 +33,10 @@ def cast_rays(layout: Layout, camera: Camera) -> Rays:
     """Cast N_r rays from the camera onto the known walls of a layout.
 
     Layouts with a covariance ("ml"): a ray is known when the standard deviation of its log range is below
-    ``KNOWN_SD``; rays onto walls that are seen to be near but not how near carry ``Rays.limit``. Otherwise ("paper") a ray is known when its azimuth lies in the arc that a known wall spans in the image; its range is the nearest hit
-    on the known walls. Where the chain, moved by the inscribed-angle step, leaves a gap at that azimuth, the line of
-    the arc's own wall is used.
+    ``KNOWN_SD``; rays onto walls that are seen to be near but not how near carry ``Rays.limit``. Otherwise ("paper") a
+    ray is known when its azimuth lies in the arc that a known wall spans in the image; its range is the nearest hit on
+    the known walls. Where the chain, moved by the inscribed-angle step, leaves a gap at that azimuth, the line of the
+    arc's own wall is used.
 
     Returns:
         Ranges in the scale of the layout, ordered right to left (counter-clockwise).
@@ -61,9 +62,9 @@ def cast_rays(layout: Layout, camera: Camera) -> Rays:
     return Rays(np.where(known, distance, np.nan), known, np.full(n, np.nan))
 
 
-def chain_rays(points: Array, walls: NDArray[np.int64], azimuths: Array, covariance: Array | None = None) -> tuple[
-    Array, Array
-]:
+def chain_rays(
+    points: Array, walls: NDArray[np.int64], azimuths: Array, covariance: Array | None = None
+) -> tuple[Array, Array]:
     """Log range of the nearest wall of a chain at each azimuth, and its variance.
 
     Args:

@@ -83,7 +83,7 @@ def register_poses(
         reach = min(reach, 1.5 * math.exp(float(seen.log_range[known].max()) + 2.0 * min(seen.scale_sd, 0.3)) + 2.0)
     sd = np.where(known, np.sqrt(seen.variance + 0.05**2), 0.0)
     sd[1::2] = 0.0  # every second ray is enough to see what stands between nodes
-    ray_weight = min(1.0, EFFECTIVE_RAYS / max(np.count_nonzero(sd), 1))
+    ray_weight = min(1.0, EFFECTIVE_RAYS / max(int(np.count_nonzero(sd)), 1))
     poses, covs, mass, counts = register_all(
         np.ascontiguousarray(starts), segments, corners, seen.nodes, seen.covariance, seen.is_corner, seen.side,
         precision, map_sd, corner_share, slack, reach, seen.azimuths, seen.log_range, sd,

@@ -39,6 +39,10 @@ class WorldOptions:
     """Furniture density, 0 to 1."""
     hfov_deg: float = 108.0
     """Horizontal field of view, degrees."""
+    geometry: str = "ml"
+    """Layout method: ml or paper."""
+    scoring: str = "likelihood"
+    """likelihood or cosine; only paper with cosine is the paper's method."""
     split: str = "train"
     """Which generated homes: train or test."""
 
@@ -52,6 +56,8 @@ class WorldOptions:
             "tilt_deg",
             "furniture",
             "hfov_deg",
+            "geometry",
+            "scoring",
             "split",
         )
         return {name: getattr(self, name) for name in shared} | {"width": 640, "height": 480}

@@ -217,8 +217,8 @@ def test_the_world_is_kept_while_the_plan_stays(make):
     [
         {"detector": "onnx"},
         {"detector": "lines"},
-        {"geometry": "ml"},
-        {"scoring": "likelihood"},
+        {"geometry": "magic"},
+        {"scoring": "magic"},
         {"renderer": "raster"},
         {"actions": "fly"},
         {"reward": "money"},

@@ -1,12 +1,14 @@
 """The whole method: noise-free accuracy, abstention, sequences, refusals."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 from galoc import Camera, Floorplan, GalocError, Localizer, Wireframe
 from galoc.detect.oracle import OracleDetector, perturb
+from galoc.localizer import LocalizerConfig
 from galoc.metrics import pose_error
 from galoc_env.truth import visible_wireframe
 
@@ -16,6 +18,13 @@ CAMERA = Camera.from_hfov(640, 480, 108)
 
 @pytest.fixture(scope="module")
 def localizer() -> Localizer:
+    """The paper's method."""
+    return Localizer(PLAN, CAMERA, geometry="paper", scoring="cosine")
+
+
+@pytest.fixture(scope="module")
+def likely() -> Localizer:
+    """The default: maximum-likelihood layout, likelihood scoring."""
     return Localizer(PLAN, CAMERA)
 
 
@@ -28,6 +37,28 @@ def walk(steps: int) -> list[tuple[np.ndarray, tuple[float, float, float]]]:
         pose[2] += math.radians(30.0)
         out.append((pose.copy(), (0.0, 0.0, math.radians(30.0))))
     return out
+
+
+def journey(steps: int, seed: int) -> list[tuple[np.ndarray, tuple[float, float, float]]]:
+    """Poses of a wandering walk through free space, and the exact odometry to each."""
+    rng = np.random.default_rng(seed)
+    free = PLAN.free_space(0.05)
+    positions = free.positions(0.6)
+    pose = np.array([*positions[rng.integers(len(positions))], rng.uniform(-np.pi, np.pi)])
+    out = [(pose.copy(), (0.0, 0.0, 0.0))]
+    while len(out) <= steps:
+        ahead = pose[:2] + 0.2 * np.array([math.cos(pose[2]), math.sin(pose[2])])
+        clear = free.clearance_at(ahead[None])[0] > 0.5
+        move = (0.2, 0.0, float(rng.uniform(-0.2, 0.2))) if clear else (0.0, 0.0, 0.5)
+        pose = np.array([*(ahead if clear else pose[:2]), pose[2] + move[2]])
+        out.append((pose.copy(), move))
+    return out
+
+
+def test_the_default_is_ml_and_likelihood(likely: Localizer) -> None:
+    assert likely.geometry == "ml" and likely.scoring == "likelihood" and likely.likelihood is not None
+    estimate = likely.locate(visible_wireframe(PLAN, CAMERA, walk(0)[0][0], 1.4), (0.0, 0.0))
+    assert estimate.layout is not None and estimate.layout.method == "ml"
 
 
 def test_sequence_converges_and_knows_it(localizer: Localizer) -> None:
@@ -49,7 +80,7 @@ def test_image_route_equals_wireframe_route() -> None:
     pose = walk(0)[0][0]
     truth = visible_wireframe(PLAN, CAMERA, pose, 1.4)
     detector = OracleDetector(lambda: truth, 0.0, np.random.default_rng(0))
-    with_detector = Localizer(PLAN, CAMERA, detector=detector)
+    with_detector = Localizer(PLAN, CAMERA, detector=detector, geometry="paper", scoring="cosine")
     image = np.zeros((480, 640, 3), np.uint8)
     a = with_detector.locate(image, (0.0, 0.0))
     b = with_detector.locate(truth, (0.0, 0.0))
@@ -103,3 +134,124 @@ def test_refusals(localizer: Localizer) -> None:
     for image in (np.zeros((48, 64, 3), np.uint8), np.zeros((480, 640, 3), np.float32)):
         with pytest.raises(GalocError, match="image"):
             Localizer(PLAN, CAMERA, detector=detector).locate(image, (0.0, 0.0))
+
+
+def test_likelihood_finds_noise_free_views(likely: Localizer) -> None:
+    """Unknown heights, exact junctions: sure estimates are right to 2 cm and 0.3 degrees; most views are sure."""
+    rng, sure = np.random.default_rng(3), []
+    free = PLAN.free_space(0.1).positions(0.5)
+    for _ in range(20):
+        pose = np.array([*free[rng.integers(len(free))], rng.uniform(-np.pi, np.pi)])
+        exact = perturb(visible_wireframe(PLAN, CAMERA, pose, 1.4), CAMERA, 0.0, rng)
+        if not (exact.ceiling_true | exact.floor_true).any():
+            continue  # nose to the wall
+        estimate = likely.locate(exact, (0.0, 0.0))
+        assert 0.0 <= estimate.confidence <= 1.0 and not estimate.abstained
+        assert np.all(np.diff(estimate.candidates[:, 3]) <= 0.0)
+        np.testing.assert_array_equal(estimate.pose, estimate.candidates[0, :3])
+        assert estimate.covariance is not None and np.linalg.eigvalsh(estimate.covariance).min() > 0.0
+        if estimate.confidence > 0.9:
+            sure.append(pose_error(estimate.pose, pose))
+    assert len(sure) >= 8
+    right = [e < 0.02 and a < math.radians(0.3) for e, a in sure]
+    assert np.mean(right) >= 0.9
+
+
+def test_likelihood_abstains_on_blind_frames() -> None:
+    likely = Localizer(PLAN, CAMERA)
+    for estimate in (likely.locate(Wireframe.empty(), (0.0, 0.0)), likely.step(Wireframe.empty(), (0.0, 0.0))):
+        assert estimate.abstained and estimate.confidence == 0.0 and np.isnan(estimate.pose).all()
+    # Lost before the first view is not lost for good.
+    for pose, odometry in walk(5):
+        estimate = likely.step(visible_wireframe(PLAN, CAMERA, pose, 1.4), (0.0, 0.0), odometry)
+    assert not estimate.abstained and estimate.confidence > 0.0
+    before = estimate.pose
+    blind = likely.step(Wireframe.empty(), (0.0, 0.0), (0.1, 0.0, 0.0))
+    ahead = before[:2] + 0.1 * np.array([math.cos(before[2]), math.sin(before[2])])
+    assert blind.abstained and np.hypot(*(blind.pose[:2] - ahead)) < 1e-6
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_likelihood_tracks_to_centimetres(likely: Localizer, seed: int) -> None:
+    """A walk of 40 frames at 2 px and 0.3 degrees, heights unknown: last ten frames within 3 cm in the median."""
+    likely.reset()
+    rng, errors = np.random.default_rng(seed), []
+    for pose, odometry in journey(40, seed):
+        wireframe = perturb(visible_wireframe(PLAN, CAMERA, pose, 1.4), CAMERA, 2.0, rng)
+        gravity = np.radians(0.3) * rng.standard_normal(2)
+        estimate = likely.step(wireframe, gravity, odometry)
+        errors.append(pose_error(estimate.pose, pose)[0])
+    assert np.median(errors[-10:]) < 0.03
+    assert estimate.confidence > 0.9 and estimate.covariance is not None
+    learned = np.exp([likely.heights.log_ceiling, likely.heights.log_floor])
+    np.testing.assert_allclose(learned, [PLAN.ceiling_height - 1.4, 1.4], rtol=0.05)
+    likely.reset()
+    assert likely.heights.ceiling is None and likely.heights.var_floor == pytest.approx(0.09)
+
+
+def test_same_input_same_bytes(likely: Localizer) -> None:
+    def run() -> list[bytes]:
+        likely.reset()
+        rng, out = np.random.default_rng(4), []
+        for pose, odometry in journey(4, 2):
+            wireframe = perturb(visible_wireframe(PLAN, CAMERA, pose, 1.4), CAMERA, 5.0, rng)
+            estimate = likely.step(wireframe, (0.0, 0.01), odometry)
+            alone = likely.locate(wireframe, (0.0, 0.01))
+            out += [estimate.pose.tobytes(), alone.pose.tobytes(), alone.candidates.tobytes()]
+            out.append(np.float64([estimate.confidence, alone.confidence, estimate.entropy]).tobytes())
+        return [*out, likely.belief.log_p.tobytes()]
+
+    assert run() == run()
+
+
+def test_known_heights_help() -> None:
+    """With the heights given, ranges are metric: scores of the true place rise against the rest."""
+    rng, sure = np.random.default_rng(5), {True: list[float](), False: list[float]()}
+    config = LocalizerConfig(heights=(1.4, PLAN.ceiling_height), heights_sd=0.01)
+    both = {True: Localizer(PLAN, CAMERA, config=config), False: Localizer(PLAN, CAMERA)}
+    free = PLAN.free_space(0.1).positions(0.5)
+    for _ in range(12):
+        pose = np.array([*free[rng.integers(len(free))], rng.uniform(-np.pi, np.pi)])
+        wireframe = perturb(visible_wireframe(PLAN, CAMERA, pose, 1.4), CAMERA, 3.0, rng)
+        for known, localizer in both.items():
+            estimate = localizer.locate(wireframe, (0.0, 0.0))
+            right = pose_error(estimate.pose, pose)[0] < 0.5
+            sure[known].append(estimate.confidence if right else 0.0)
+            assert estimate.layout is not None and estimate.layout.metric == known
+    assert np.mean(sure[True]) > np.mean(sure[False])
+    assert both[True].heights.log_floor == pytest.approx(math.log(1.4))
+    from_plan = Localizer(PLAN, CAMERA, config=LocalizerConfig(ceiling_from_plan=True))
+    assert from_plan.heights.ceiling == pytest.approx((math.log(PLAN.ceiling_height), 0.03))
+
+
+@pytest.mark.parametrize("heights", [(1.4, 1.2), (0.0, 2.6), (math.nan, 2.6), ("1.4", 2.6)])
+def test_bad_heights_are_refused(heights: Any) -> None:
+    with pytest.raises(GalocError):
+        Localizer(PLAN, CAMERA, config=LocalizerConfig(heights=heights))
+
+
+@pytest.mark.parametrize(("geometry", "scoring"), [("paper", "likelihood"), ("ml", "cosine")])
+def test_mixed_methods_run(geometry: str, scoring: str) -> None:
+    mixed = Localizer(PLAN, CAMERA, geometry=geometry, scoring=scoring)
+    rng = np.random.default_rng(6)
+    for pose, odometry in walk(11):
+        wireframe = perturb(visible_wireframe(PLAN, CAMERA, pose, 1.4), CAMERA, 2.0, rng)
+        estimate = mixed.step(wireframe, (0.0, 0.0), odometry)
+    assert pose_error(estimate.pose, pose)[0] < 0.5
+    assert estimate.layout is not None and estimate.layout.method == geometry
+    alone = mixed.locate(wireframe, (0.0, 0.0))
+    assert np.isfinite(alone.pose).all() and 0.0 < alone.confidence <= 1.0
+    assert mixed.scores(wireframe, (0.0, 0.0)).shape == (len(mixed.field.positions), 360)
+    assert mixed.locate(Wireframe.empty(), (0.0, 0.0)).abstained
+
+
+def test_rays_alone_can_be_fused(likely: Localizer) -> None:
+    """A laser's ranges, without a layout: the belief alone finds the place while turning on the spot."""
+    from galoc.types import Rays
+
+    likely.reset()
+    for pose, odometry in walk(11):
+        degree = round(math.degrees(pose[2]))
+        ranges = likely.field.caster(pose[:2])[0][(degree + np.arange(109) - 54) % 360].astype(float)
+        estimate = likely.fuse(Rays(ranges, np.ones(109, bool), np.full(109, 1e-3)), odometry)
+    assert pose_error(estimate.pose, pose)[0] < 0.3 and not estimate.abstained

@@ -29,7 +29,8 @@ def frames(count: int = 60) -> list[tuple[np.ndarray, Rays, Match]]:
         xy = free[rng.integers(len(free))] + rng.uniform(-0.04, 0.04, 2)
         pose = np.array([*xy, math.radians(int(rng.integers(360)))])
         gravity = tuple(rng.uniform(-0.08, 0.08, 2))
-        rays = cast_rays(solve_layout(visible_wireframe(PLAN, CAMERA, pose, 1.4, gravity), CAMERA, gravity), CAMERA)
+        wireframe = visible_wireframe(PLAN, CAMERA, pose, 1.4, gravity)
+        rays = cast_rays(solve_layout(wireframe, CAMERA, gravity, "paper"), CAMERA)
         if rays.known.any():
             out.append((pose, rays, search(FIELD, rays)))
     return out

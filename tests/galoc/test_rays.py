@@ -8,7 +8,7 @@ import pytest
 from galoc import Camera, Floorplan, Layout
 from galoc.layout import solve_layout
 from galoc.profiles import Caster
-from galoc.rays import cast_rays, ray_count
+from galoc.rays import cast_rays, chain_rays, ray_count
 from galoc_env.truth import visible_wireframe
 
 
@@ -75,7 +75,7 @@ def test_true_views_are_proportional_to_the_plan(name: str, hfov_deg: float) -> 
         xy, heading_deg = free[rng.integers(len(free))] + rng.uniform(-0.05, 0.05, 2), int(rng.integers(360))
         gravity = tuple(rng.uniform(-0.08, 0.08, 2))
         wireframe = visible_wireframe(plan, camera, np.array([*xy, math.radians(heading_deg)]), 1.4, gravity)
-        rays = cast_rays(solve_layout(wireframe, camera, gravity), camera)
+        rays = cast_rays(solve_layout(wireframe, camera, gravity, "paper"), camera)
         if not rays.known.any():
             continue
         n = len(rays.known)
@@ -86,3 +86,38 @@ def test_true_views_are_proportional_to_the_plan(name: str, hfov_deg: float) -> 
     assert compared > 1000
     # A pier or a niche narrower than 0.3 degrees is no panel of the wireframe, and a ray may happen to hit it.
     assert outliers <= compared * 1e-3
+
+
+def test_chain_rays_equal_a_plain_cast_and_its_derivatives() -> None:
+    """Nearest wall by solving for each crossing; variance from finite differences over the points."""
+    rng = np.random.default_rng(5)
+    azimuths = np.radians(np.arange(-50.0, 51.0, 2.5))
+    for _ in range(10):
+        own = np.sort(rng.uniform(-0.8, 0.8, 6))
+        distance = rng.uniform(2.0, 6.0, 6)
+        points = np.stack([distance * np.sin(own), distance * np.cos(own)], axis=1)
+        walls = np.array([[0, 1], [1, 3], [2, 4], [4, 5]])
+        root = 0.02 * rng.standard_normal((12, 12))
+
+        def plain(xz: np.ndarray, walls: np.ndarray = walls) -> np.ndarray:
+            out = np.full(len(azimuths), np.nan)
+            for k, azimuth in enumerate(azimuths):
+                ray, hits = np.array([math.sin(azimuth), math.cos(azimuth)]), []
+                for a, b in xz[walls]:
+                    t, u = np.linalg.solve(np.stack([ray, a - b], axis=1), a)
+                    hits += [t] if 0.0 <= u <= 1.0 and t > 0.0 else []
+                out[k] = math.log(min(hits)) if hits else math.nan
+            return out
+
+        log_range, variance = chain_rays(points, walls, azimuths, root @ root.T)
+        want = plain(points)
+        np.testing.assert_allclose(log_range, want, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(chain_rays(points, walls, azimuths)[0], want, rtol=1e-9, atol=1e-9)
+        step = 1e-7
+        jacobian = np.stack(
+            [(plain((points.ravel() + step * row).reshape(-1, 2)) - want) / step for row in np.eye(12)], axis=1
+        )
+        smooth = np.abs(jacobian).max(axis=1) < 50.0  # a ray through a node goes either way
+        known = np.isfinite(want) & smooth
+        spread = np.einsum("ki,ij,kj->k", jacobian, root @ root.T, jacobian)
+        np.testing.assert_allclose(variance[known], spread[known], rtol=1e-3, atol=1e-9)

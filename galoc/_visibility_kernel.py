@@ -1,0 +1,128 @@
+"""Numba kernels: what of a map is seen from a pose, and how far that contradicts an observation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+NEAR = 0.08
+"""Nothing nearer than this is predicted, m."""
+
+
+@njit(cache=True)
+def cast(segments, x, y, c, s):  # type: ignore[no-untyped-def]
+    """Range and index of the first segment along (c, s), in multiples of that vector; (inf, -1) for none."""
+    best, index = np.inf, -1
+    for k in range(segments.shape[0]):
+        x0, y0 = segments[k, 0] - x, segments[k, 1] - y
+        dx, dy = segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1]
+        den = c * dy - s * dx
+        if den == 0.0:
+            continue
+        t = (x0 * dy - y0 * dx) / den
+        if t <= 1e-9 or t >= best:
+            continue
+        u = (x0 * s - y0 * c) / den
+        if u < -1e-9 or u > 1.0 + 1e-9:
+            continue
+        best, index = t, k
+    return best, index
+
+
+@njit(cache=True)
+def nearby(segments, x, y, reach):  # type: ignore[no-untyped-def]
+    """Segments that come within ``reach`` of (x, y), nearest first: what hides something is found early."""
+    distance = np.empty(segments.shape[0])
+    count = 0
+    for k in range(segments.shape[0]):
+        ax, ay = segments[k, 0] - x, segments[k, 1] - y
+        dx, dy = segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1]
+        u = min(1.0, max(0.0, -(ax * dx + ay * dy) / (dx * dx + dy * dy)))
+        distance[k] = math.hypot(ax + u * dx, ay + u * dy)
+        if distance[k] <= reach:
+            count += 1
+    return segments[np.argsort(distance)[:count]]
+
+
+@njit(cache=True)
+def blocked(segments, x, y, dx, dy, limit):  # type: ignore[no-untyped-def]
+    """Whether a segment crosses the way from (x, y) along (dx, dy) before ``limit`` of its length."""
+    for k in range(segments.shape[0]):
+        x0, y0 = segments[k, 0] - x, segments[k, 1] - y
+        ex, ey = segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1]
+        den = dx * ey - dy * ex
+        if den == 0.0:
+            continue
+        t = (x0 * ey - y0 * ex) / den
+        if t <= 1e-9 or t >= limit:
+            continue
+        u = (x0 * dy - y0 * dx) / den
+        if -1e-9 <= u <= 1.0 + 1e-9:
+            return True
+    return False
+
+
+@njit(cache=True)
+def visible_corners(segments, corners, x, y, heading, m_low, m_high, out):  # type: ignore[no-untyped-def]
+    """Map corners seen within [m_low, m_high] as rows (m, z, corner index) of ``out``; returns their number."""
+    c, s = math.cos(heading), math.sin(heading)
+    count = 0
+    for k in range(corners.shape[0]):
+        dx, dy = corners[k, 0] - x, corners[k, 1] - y
+        z = c * dx + s * dy
+        if z < NEAR or count >= out.shape[0]:
+            continue
+        m = (s * dx - c * dy) / z
+        if m < m_low or m > m_high:
+            continue
+        if blocked(segments, x, y, dx, dy, 1.0 - 0.03 / math.hypot(dx, dy) - 0.005):
+            continue
+        out[count, 0], out[count, 1], out[count, 2] = m, z, k
+        count += 1
+    return count
+
+
+@njit(cache=True)
+def ray_cost(pose, segments, azimuths, seen, sd, least, saturation):  # type: ignore[no-untyped-def]
+    """Sum of robust squared residuals of the rays at a pose.
+
+    Nodes say how well walls fit; rays, that nothing stands between the nodes.
+    """
+    x, y, heading, g = pose[0], pose[1], pose[2], pose[3]
+    total = 0.0
+    for i in range(azimuths.shape[0]):
+        if not sd[i] > 0.0:
+            continue
+        b = heading - azimuths[i]
+        reach, k = cast(segments, x, y, math.cos(b), math.sin(b))
+        # A map without a wall there contradicts a wall that is seen, fully.
+        e = max(math.log(reach) - seen[i] - g, least[i]) / sd[i] if k >= 0 else 1e3
+        total += e * e * saturation / (e * e + saturation)
+    return total
+
+
+@njit(cache=True)
+def unseen_corners(pose, segments, corners, nodes, cov, azimuths, sd, seen):  # type: ignore[no-untyped-def]
+    """Map corners that should be seen on the known walls and are not: their number at a pose."""
+    n = nodes.shape[0]
+    count = visible_corners(segments, corners, pose[0], pose[1], pose[2], -20.0, 20.0, seen)
+    missing = 0.0
+    for q in range(count):
+        m = seen[q, 0]
+        azimuth = math.atan(m)
+        covered = False
+        for i in range(azimuths.shape[0]):
+            if sd[i] > 0.0 and abs(azimuths[i] - azimuth) < 0.02:
+                covered = True
+                break
+        if not covered:
+            continue
+        for i in range(n):
+            if abs(nodes[i, 0] - m) < 3.0 * math.sqrt(cov[2 * i, 2 * i]) + 0.02 * (1.0 + m * m):
+                covered = False
+                break
+        if covered:
+            missing += 1.0
+    return missing

@@ -1,0 +1,104 @@
+"""The benchmark scripts: a tiny run from the command line, its files, and that a cut run goes on."""
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from galoc import GalocError
+
+TINY = {
+    "single_image": ["--plans", "1", "--frames", "2", "--hfov", "108", "--jobs", "1"],
+    "sequences": ["--plans", "1", "--steps", "12", "--conditions", "2%", "--jobs", "1"],
+}
+ROWS = {"single_image": "frames", "sequences": "walks"}
+
+
+def run(repo: Path, script: str, out: Path, *more: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(repo / "benchmarks" / f"{script}.py"), *TINY[script], *more, "--out", str(out)]
+    env = {**os.environ, "NUMBA_NUM_THREADS": "1"}
+    return subprocess.run(command, capture_output=True, text=True, env=env, check=False, timeout=600)
+
+
+@pytest.fixture
+def common(repo: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(repo / "benchmarks"))
+    return importlib.import_module("common")
+
+
+@pytest.mark.parametrize("script", list(TINY))
+def test_tiny_run_and_its_resumption(script: str, repo: Path, tmp_path: Path) -> None:
+    out = tmp_path / "results" / "tiny.v1"  # a dot in the name is no suffix
+    done = run(repo, script, out)
+    assert done.returncode == 0, done.stderr
+    assert sorted(p.name for p in out.parent.iterdir()) == ["tiny.v1.json", "tiny.v1.png"]
+    assert (out.parent / "tiny.v1.png").read_bytes().startswith(b"\x89PNG")
+    text = (out.parent / "tiny.v1.json").read_text()
+    assert "Infinity" not in text and "NaN" not in text
+    result = json.loads(text)
+    for method in ("paper", "ml", "oracle"):
+        assert method in done.stdout
+    _check(script, result)
+
+    # What a cut run leaves: its job, finished rows, and the torn line that it was writing.
+    row = {**result[ROWS[script]][0], "plan": "kept"}
+    left = out.parent / "tiny.v1.partial.jsonl"
+    left.write_text(json.dumps(result["settings"]) + "\n" + json.dumps(row) + '\n{"seed": 1, "pl')
+    assert run(repo, script, out).returncode == 0
+    again = json.loads((out.parent / "tiny.v1.json").read_text())
+    assert again[ROWS[script]][0]["plan"] == "kept" and not left.exists()
+    assert again["summary"] == result["summary"]
+
+
+def _check(script: str, result: dict[str, Any]) -> None:
+    if script == "single_image":
+        summary = result["summary"][0]
+        assert summary["frames"] == 2 and sum(summary["bins"].values()) == 4  # each frame once by coverage, by pairs
+        assert summary["methods"]["ml"]["recall"]["1m"][0] >= summary["methods"]["ml"]["recall"]["0.1m"][0]
+        assert len(result["frames"][0]["methods"]["ml+heights"]["error_m"]) == 2
+    else:
+        ml = result["walks"][0]["conditions"]["2%"]["ml"]
+        assert len(ml["confidence"]) == len(ml["error_m"]) == 12
+        assert result["summary"]["2%"]["ml"]["success"]["paper"]["1m"] == {}  # too short for any published T
+
+
+@pytest.mark.parametrize(
+    ("script", "flags"),
+    [
+        ("single_image", ["--methods", "magic"]),
+        ("single_image", ["--frames", "0"]),
+        ("sequences", ["--steps", "3"]),
+        ("sequences", ["--conditions", "windy"]),
+    ],
+)
+def test_bad_flags_are_named(script: str, flags: list[str], repo: Path, tmp_path: Path) -> None:
+    done = run(repo, script, tmp_path / "x", *flags)
+    assert done.returncode != 0
+    assert flags[0] in done.stderr and "Traceback" not in done.stderr
+
+
+def test_only_open_tasks_are_run(common: ModuleType, tmp_path: Path) -> None:
+    calls: list[int] = []
+
+    def work(task: int) -> dict[str, int]:
+        calls.append(task)
+        if calls == [10, 20]:
+            raise KeyboardInterrupt
+        return {"double": 2 * task}
+
+    args = {"job": {"a": 1}, "out": tmp_path / "r", "jobs": 1, "unit": "task"}
+    with pytest.raises(KeyboardInterrupt):
+        common.resumable(work, [10, 20, 30], **args)
+    rows = common.resumable(work, [10, 20, 30], **args)
+    assert [r["double"] for r in rows] == [20, 40, 60]
+    assert calls == [10, 20, 20, 30]
+    common.resumable(work, [10], **{**args, "job": {"a": 2}})  # of another job: nothing is taken up
+    assert calls[4:] == [10]
+    with pytest.raises(GalocError, match="jobs"):
+        common.resumable(work, [10], **{**args, "jobs": 0})

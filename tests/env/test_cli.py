@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 
 import cv2
 import imageio_ffmpeg
@@ -140,7 +141,9 @@ def test_read_only_folder_is_refused(plan_file, tmp_path, capsys):
 def test_ctrl_c_leaves_nothing_half_written(plan_file, tmp_path):
     command = [sys.executable, "-c", RUN, "demo", "--plan", plan_file, "--steps", "5000", "--out", str(tmp_path)]
     # Its own process group, signalled as a whole: that is what a terminal does, and ffmpeg gets it too.
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    # Tests that run in a shell's background inherit an ignored interrupt; whoever presses Ctrl-C does not.
+    heed = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True, preexec_fn=heed)
     try:
         until = time.monotonic() + 240.0  # kernels may have to be compiled first, on a busy machine
         while not list(tmp_path.glob(".episode*")) and time.monotonic() < until and process.poll() is None:

@@ -131,6 +131,8 @@ def test_a_wide_scale_prior_leaves_the_peak() -> None:
         alone = replace(seen, is_corner=np.zeros_like(seen.is_corner), is_limit=np.zeros_like(seen.is_limit))
         alone = replace(alone, variance=np.where(seen.is_limit, np.inf, seen.variance), scale_sd=1.0)
         longer = replace(alone, log_range=alone.log_range + math.log(1.2))
+        if np.count_nonzero(np.isfinite(alone.variance)) < MANY_RAYS:
+            continue
         a, b = likelihood().volume(alone), likelihood().volume(longer)
         # The grid's error counts a little less at longer range, so neighbouring cells may swap.
         peak = np.unravel_index(int(np.argmax(b)), b.shape)
@@ -159,7 +161,7 @@ def test_corner_distances_equal_brute_force() -> None:
 
 def test_corners_raise_the_true_pose() -> None:
     """Corner evidence at the true cell costs less than half of what it costs on average."""
-    for _, row, degree, seen in views()[:8]:
+    for _, row, degree, seen in views()[:5]:
         if not seen.is_corner.any():
             continue
         bare = replace(seen, is_corner=np.zeros_like(seen.is_corner))

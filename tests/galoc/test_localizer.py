@@ -140,7 +140,7 @@ def test_likelihood_finds_noise_free_views(likely: Localizer) -> None:
     """Unknown heights, exact junctions: sure estimates are right to 2 cm and 0.3 degrees; most views are sure."""
     rng, sure = np.random.default_rng(3), []
     free = PLAN.free_space(0.1).positions(0.5)
-    for _ in range(20):
+    for _ in range(14):
         pose = np.array([*free[rng.integers(len(free))], rng.uniform(-np.pi, np.pi)])
         exact = perturb(visible_wireframe(PLAN, CAMERA, pose, 1.4), CAMERA, 0.0, rng)
         if not (exact.ceiling_true | exact.floor_true).any():
@@ -152,7 +152,7 @@ def test_likelihood_finds_noise_free_views(likely: Localizer) -> None:
         assert estimate.covariance is not None and np.linalg.eigvalsh(estimate.covariance).min() > 0.0
         if estimate.confidence > 0.9:
             sure.append(pose_error(estimate.pose, pose))
-    assert len(sure) >= 8
+    assert len(sure) >= 6
     right = [e < 0.02 and a < math.radians(0.3) for e, a in sure]
     assert np.mean(right) >= 0.9
 
@@ -210,7 +210,7 @@ def test_known_heights_help() -> None:
     config = LocalizerConfig(heights=(1.4, PLAN.ceiling_height), heights_sd=0.01)
     both = {True: Localizer(PLAN, CAMERA, config=config), False: Localizer(PLAN, CAMERA)}
     free = PLAN.free_space(0.1).positions(0.5)
-    for _ in range(12):
+    for _ in range(8):
         pose = np.array([*free[rng.integers(len(free))], rng.uniform(-np.pi, np.pi)])
         wireframe = perturb(visible_wireframe(PLAN, CAMERA, pose, 1.4), CAMERA, 3.0, rng)
         for known, localizer in both.items():

@@ -143,7 +143,7 @@ def test_a_wrong_pose_is_mostly_not_registered() -> None:
 def test_nothing_is_learned_from_a_fix_that_is_not_sure() -> None:
     """At the first view of an ambiguous place the confidence is low: heights stay as given."""
     localizer = Localizer(PLAN, CAMERA, config=LocalizerConfig(imu_sigma_deg=0.3))
-    for i, pose in enumerate(spots(12, 3)):
+    for i, pose in enumerate(spots(5, 3)):
         localizer.reset()
         wireframe = perturb(visible_wireframe(PLAN, CAMERA, pose, 1.4), CAMERA, 5.0, np.random.default_rng(i))
         estimate = localizer.step(wireframe, (0.0, 0.0))

@@ -31,7 +31,9 @@ from galoc_env.stress_scores import interval, ratio_interval
 Array = NDArray[np.float64]
 
 METHODS = ("paper", "ml", "ml+grid")
-CONDITIONS = tuple((h, s, t) for h in (108.0, 80.0) for s, t in ((3.0, 1.0), (5.0, 0.0), (5.0, 1.0), (5.0, 2.0), (7.0, 1.0)))
+CONDITIONS = tuple(
+    (h, s, t) for h in (108.0, 80.0) for s, t in ((3.0, 1.0), (5.0, 0.0), (5.0, 1.0), (5.0, 2.0), (7.0, 1.0))
+)
 """Field of view (deg), junction noise (px), IMU noise (deg)."""
 LOST = 0.2
 """Mean relative range error above which a view has failed."""

@@ -24,6 +24,8 @@ SATURATION = 9.0
 """Squared whitened residual at which a ray's cost saturates (half of it is charged at that residual)."""
 CORNER_SATURATION = 5.0
 """The same for an observed corner without a map corner near its bearing."""
+DRAWN_WEIGHT = 20.0
+"""Seen corners that outweigh what the drawing alone says of the map's corners."""
 STRIDE = 3
 """Every third ray is scored where more than ``MANY_RAYS`` are told."""
 MANY_RAYS = 30
@@ -41,7 +43,8 @@ class Likelihood:
         self.field = field
         self.log_ranges: Float32 = np.log(np.maximum(field.ranges, np.float32(0.02)))
         """(P, 360) log m."""
-        self.corners, self.corner_share = map_corners(field.caster.plan)
+        self.corners, self._drawn_share = map_corners(field.caster.plan)
+        self.forget_corners()
         self._free = field.caster.plan.free_space(0.05)
         self.corner_deg: Float32 = corner_distances(field.positions, field.ranges, self.corners)
         """(P, 360) degrees to the nearest visible map corner."""
@@ -90,6 +93,20 @@ class Likelihood:
             np.full(len(corner_bin), CORNER_SATURATION * self.corner_share, as32),
             as32(1.0 / max(seen.scale_sd, 0.01) ** 2),
         )
+
+    def forget_corners(self) -> None:
+        """Back to what the drawing alone says of how often a seen corner is one of the map."""
+        self._explained = np.array([self._drawn_share * DRAWN_WEIGHT, DRAWN_WEIGHT])
+
+    def learn_corners(self, explained: int, seen: int) -> None:
+        """Count the corners of a view whose pose is sure: how many of those seen are corners of the map."""
+        self._explained += (explained, seen)
+
+    @property
+    def corner_share(self) -> float:
+        """How often a corner that is seen is one of the map: weighs the corner evidence."""
+        share = float(self._explained[0] / self._explained[1])
+        return min(max(share, 0.05), 0.95)
 
     def register(
         self, starts: Array, seen: Observation, *, prior_precision: Array | None = None, slack: float = 1.0

@@ -67,6 +67,8 @@ class LocalizerConfig:
     """Standard deviation of a motion as a share of its length (scoring "likelihood")."""
     odometry_turn_deg: float = 0.5
     """Standard deviation of the heading change of a step that moves, degrees (scoring "likelihood")."""
+    abstain_below: float = 0.0
+    """Estimates with a lower confidence count as abstained; their pose is still given (scoring "likelihood")."""
     diffusion_m: float | None = None
     """Position diffusion of the filter per metre moved, m/m. None: 0 ("cosine", as the paper), ``odometry_noise``
     ("likelihood")."""
@@ -191,8 +193,9 @@ class Localizer:
         modes = locate_modes(likelihood, seen, self.config.candidates or 128)
         sure = probability_near(modes, modes.poses[0, :2])
         candidates = np.column_stack([modes.poses[:, :3], modes.log_mass])
+        unsure = sure < self.config.abstain_below
         return Estimate(
-            modes.poses[0, :3], sure, False, candidates, modes.covariances[0, :3, :3], rays=rays, layout=layout
+            modes.poses[0, :3], sure, unsure, candidates, modes.covariances[0, :3, :3], rays=rays, layout=layout
         )
 
     def step(self, image: ArrayLike | Wireframe, gravity: ArrayLike, odometry: ArrayLike = (0.0, 0.0, 0.0)) -> Estimate:
@@ -279,6 +282,8 @@ class Localizer:
         if entropy >= math.log(self.belief.log_p.size) - 1e-6:
             return Estimate(np.full(3, np.nan), 0.0, abstained, rays=rays, layout=layout, entropy=entropy)
         mass = self.belief.mass_near(pose, NEAR_M)
+        if self.likelihood is not None:
+            abstained = abstained or mass < self.config.abstain_below
         return Estimate(pose.copy(), mass, abstained, covariance=covariance, rays=rays, layout=layout, entropy=entropy)
 
     def _detect(self, image: ArrayLike, gravity: ArrayLike) -> Wireframe:

@@ -55,6 +55,8 @@ class Tracker:
         """(3, 3) of the pose."""
         self.heights = self._given
         """What is known of the heights by now."""
+        self._likelihood.forget_corners()
+        self._explained = (0, 0)  # of the last frame: corners explained by the map, corners seen
 
     def predict(self, odometry: Array) -> None:
         """Move by odometry (dx, dy, dheading), with its noise."""
@@ -89,6 +91,7 @@ class Tracker:
         modes = self._likelihood.register(self.mean[None], seen, prior_precision=information, slack=slack)
         if len(modes) == 0 or modes.matched[0, 1] > max(1, len(seen.nodes) // 3):
             return None
+        self._explained = (int(modes.matched[0, 0]), int(seen.is_corner.sum()))
         moved = modes.poses[0, :3] - self.mean
         moved[2] = float(wrap_angle(moved[2]))
         if moved @ information @ moved > 25.0:  # five standard deviations: it slipped to another corner
@@ -106,12 +109,13 @@ class Tracker:
         return float(modes.poses[0, 3]) * (own + prior) / own, 1.0 / own
 
     def learn(self, layout: Layout, scale: tuple[float, float]) -> None:
-        """Take a frame's height ratio and metric scale into what is known of the heights.
+        """Take a sure frame's height ratio and metric scale into what is known of the heights, and count its corners.
 
         Args:
             layout: of the frame, solved with the present :attr:`heights`.
             scale: from :meth:`update`.
         """
+        self._likelihood.learn_corners(*self._explained)
         k, k_sd = layout.log_ratio
         own = 1.0 / k_sd**2 - 1.0 / self.heights.k_sd**2
         if own <= 0.0:

@@ -205,7 +205,7 @@ class Estimate:
     """0..1. Scoring "likelihood": calibrated probability that the position is right within 0.5 m. "cosine", single
     image: the paper's c = (|K| / N_r)^2; sequence: belief mass within 0.5 m of the pose. 0: abstained."""
     abstained: bool
-    """True when this image showed no usable structure."""
+    """True when this image showed no usable structure, or the confidence is below ``LocalizerConfig.abstain_below``."""
     candidates: Array = field(default_factory=lambda: np.zeros((0, 4)))
     """(C, 4) float64: x, y, heading, score of the best distinct poses, best first."""
     covariance: Array | None = None

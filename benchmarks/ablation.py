@@ -18,17 +18,17 @@ from pathlib import Path
 
 import numpy as np
 import tyro
+from common import true_rays
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from galoc import Camera, Floorplan, Localizer, LocalizerConfig, Rays, Wireframe, solve_layout
 from galoc.formats.atomic import write_atomic
 from galoc.metrics import pose_error, steps_to_converge
-from galoc.rays import cast_rays, ray_count
+from galoc.rays import cast_rays
 from galoc.wireframe import true_corners
 from galoc_env.env import FloorplanEnv
 from galoc_env.patrol import Patrol
-from galoc_env.truth_kernel import nearest_hit
 
 NOISE = {"detector_noise_px": 5.0, "imu_noise_deg": 0.5, "odometry_noise": 0.02}
 
@@ -89,13 +89,7 @@ def true_ranges(localizer: Localizer, frame: Frame) -> Rays:
 
 def true_view(localizer: Localizer, frame: Frame) -> Rays:
     """Every ray of the field of view with its true range."""
-    x, y, heading = frame.pose
-    n = ray_count(localizer.camera.hfov_deg)
-    bearings = heading + np.radians(np.arange(n) - (n - 1) / 2)
-    segments = localizer.plan.segments
-    hits = np.array([nearest_hit(segments, x, y, math.cos(b), math.sin(b))[0] for b in bearings])
-    known = np.isfinite(hits)
-    return Rays(np.where(known, hits, np.nan), known, np.full(n, np.nan))
+    return true_rays(localizer.plan, localizer.camera, frame.pose)
 
 
 VARIANTS = (

@@ -7,26 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-
-@njit(cache=True)
-def nearest_hit(segments, x, y, c, s):  # type: ignore[no-untyped-def]
-    """Distance and index of the first segment hit by the ray from (x, y) along (c, s); (inf, -1) for none."""
-    best = np.inf
-    index = -1
-    for k in range(segments.shape[0]):
-        x0, y0 = segments[k, 0] - x, segments[k, 1] - y
-        dx, dy = segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1]
-        den = c * dy - s * dx
-        if den == 0.0:
-            continue
-        t = (x0 * dy - y0 * dx) / den
-        if t <= 1e-9 or t >= best:
-            continue
-        u = (x0 * s - y0 * c) / den
-        if -1e-9 <= u <= 1.0 + 1e-9:
-            best = t
-            index = k
-    return best, index
+from galoc._visibility_kernel import cast as nearest_hit
 
 
 @njit(cache=True)

@@ -77,6 +77,20 @@ class LocalizerConfig:
     motion: str = "carried"
     """What the filter does with the part of a motion below one cell: "carried" or "rounded" (see galoc.belief)."""
 
+    def __post_init__(self) -> None:
+        """Refuse what is no number of the right kind (heights are checked where they are used)."""
+        for name in (
+            "resolution",
+            "heights_sd",
+            "imu_sigma_deg",
+            "odometry_noise",
+            "odometry_turn_deg",
+            "abstain_below",
+        ):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < math.inf:
+                raise GalocError(f"{name} = {value!r}", "a finite number, 0 or more", "Fix the LocalizerConfig.")
+
     def prior(self, plan: Floorplan) -> Heights:
         """What is known of the heights before the first image."""
         if self.heights is not None:

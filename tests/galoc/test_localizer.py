@@ -255,3 +255,17 @@ def test_rays_alone_can_be_fused(likely: Localizer) -> None:
         ranges = likely.field.caster(pose[:2])[0][(degree + np.arange(109) - 54) % 360].astype(float)
         estimate = likely.fuse(Rays(ranges, np.ones(109, bool), np.full(109, 1e-3)), odometry)
     assert pose_error(estimate.pose, pose)[0] < 0.3 and not estimate.abstained
+
+
+@pytest.mark.parametrize("name", ["resolution", "heights_sd", "imu_sigma_deg", "odometry_noise", "odometry_turn_deg"])
+@pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf"), "x", None])
+def test_config_refuses_what_is_no_number(name: str, value: object) -> None:
+    with pytest.raises(GalocError, match=name):
+        LocalizerConfig(**{name: value})  # type: ignore[arg-type]
+
+
+def test_estimates_below_the_wanted_confidence_count_as_abstained() -> None:
+    strict = Localizer(PLAN, CAMERA, config=LocalizerConfig(abstain_below=1.1))
+    estimate = strict.locate(visible_wireframe(PLAN, CAMERA, walk(0)[0][0], 1.4), (0.0, 0.0))
+    assert estimate.abstained
+    assert np.isfinite(estimate.pose).all() and estimate.confidence <= 1.0

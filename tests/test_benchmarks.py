@@ -16,6 +16,8 @@ from galoc import GalocError
 TINY = {
     "single_image": ["--plans", "1", "--frames", "2", "--hfov", "108", "--jobs", "1"],
     "sequences": ["--plans", "1", "--steps", "12", "--conditions", "2%", "--jobs", "1"],
+    "geometry": ["--frames", "12"],
+    "layouts": ["--plans", "1", "--frames", "3"],
 }
 ROWS = {"single_image": "frames", "sequences": "walks"}
 
@@ -32,7 +34,16 @@ def common(repo: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return importlib.import_module("common")
 
 
-@pytest.mark.parametrize("script", list(TINY))
+@pytest.mark.parametrize("script", ["geometry", "layouts"])
+def test_tiny_run_of_the_layout_benchmarks(script: str, repo: Path, tmp_path: Path) -> None:
+    done = run(repo, script, tmp_path / "tiny")
+    assert done.returncode == 0, done.stderr
+    text = (tmp_path / "tiny.json").read_text()
+    assert "Infinity" not in text and "NaN" not in text and json.loads(text)
+    assert "paper" in done.stdout and "ml" in done.stdout
+
+
+@pytest.mark.parametrize("script", list(ROWS))
 def test_tiny_run_and_its_resumption(script: str, repo: Path, tmp_path: Path) -> None:
     out = tmp_path / "results" / "tiny.v1"  # a dot in the name is no suffix
     done = run(repo, script, out)

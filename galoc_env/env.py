@@ -106,7 +106,7 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
     | `reward` | "log_belief" | see Rewards |
     | `render_mode` | None | "rgb_array": 1280 x 720 picture of view, belief, truth and estimate |
 
-    A localizer "module:Class" is built as `Class(plan, camera)` and has `reset()` and `step(wireframe, gravity=...,
+    galoc's own localizer is told `imu_noise_deg` and `odometry_noise`. A localizer "module:Class" is built as `Class(plan, camera)` and has `reset()` and `step(wireframe, gravity=...,
     odometry=...) -> galoc.Estimate`; a `belief` like galoc's is optional. `renderer="none"` is for runs in which
     nobody looks at pixels: the oracle detector does not.
 

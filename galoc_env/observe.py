@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import importlib
+import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from galoc import Camera, Estimate, Floorplan, GalocError, Wireframe
+from galoc_env.motion import STEP_M, TURN_RAD
+from galoc_env.sensors import DRIFT_RAD_PER_M
+
+if TYPE_CHECKING:
+    from galoc_env.settings import Settings
 
 Array = NDArray[np.float64]
 
+LEAST_IMU_DEG = 0.1
+"""No gravity reading is trusted further than this, degrees."""
 CANVAS_CELLS = 64
 """Cells on a side of the belief canvas."""
 
@@ -27,25 +35,33 @@ class SequenceLocalizer(Protocol):
         """Take one observation with measured (roll, pitch) and measured motion since the last one."""
 
 
-def make_localizer(name: str, plan: Floorplan, camera: Camera, geometry: str, scoring: str) -> SequenceLocalizer | None:
+def make_localizer(settings: Settings, plan: Floorplan, camera: Camera) -> SequenceLocalizer | None:
     """Build the localizer named by the environment's ``localizer`` argument.
 
+    galoc's own is told how good the sensors are, as their data sheets would; a "module:Class" is called as
+    ``Class(plan, camera)``.
+
     Args:
-        name: "galoc", "none", or "module:Class" for a class called as ``Class(plan, camera)``.
+        settings: of the environment: localizer, geometry, scoring and the sensors' noise.
         plan: the map.
         camera: intrinsics.
-        geometry: passed to galoc's own localizer only.
-        scoring: passed to galoc's own localizer only.
 
     Raises:
         GalocError: no such module or class, or the class lacks ``reset`` or ``step``.
     """
+    name = settings.localizer
     if name == "none":
         return None
     if name == "galoc":
-        from galoc.localizer import Localizer
+        from galoc.localizer import Localizer, LocalizerConfig
 
-        return Localizer(plan, camera, geometry=geometry, scoring=scoring)
+        turn_sd = settings.odometry_noise * math.hypot(TURN_RAD, DRIFT_RAD_PER_M * STEP_M)
+        config = LocalizerConfig(
+            imu_sigma_deg=max(settings.imu_noise_deg, LEAST_IMU_DEG),
+            odometry_noise=settings.odometry_noise,
+            odometry_turn_deg=math.degrees(turn_sd),
+        )
+        return Localizer(plan, camera, geometry=settings.geometry, scoring=settings.scoring, config=config)
     module, _, attribute = name.partition(":")
     expected = '"galoc", "none" or "module:Class"'
     if not module or not attribute:

@@ -57,7 +57,7 @@ class World:
             )
         scene = build_scene(plan, furniture=settings.furniture, seed=number)
         furniture = np.asarray(scene.obstacles, dtype=np.float64).reshape(-1, 4)
-        localizer = make_localizer(settings.localizer, plan, camera, settings.geometry, settings.scoring)
+        localizer = make_localizer(settings, plan, camera)
         observer = None if localizer is None else Observer(localizer, plan)
         if observer is not None and settings.reward in BELIEF_REWARDS:
             observer.reset()

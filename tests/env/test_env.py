@@ -319,3 +319,13 @@ def test_errors_cross_process_borders(make):
     with pytest.raises(GalocError) as caught:
         make(reward="money")
     assert pickle.loads(pickle.dumps(caught.value)).cure == caught.value.cure
+
+
+def test_the_localizer_is_told_how_good_the_sensors_are() -> None:
+    env = FloorplanEnv(plan="apartment", renderer="none", imu_noise_deg=2.0, odometry_noise=0.05)
+    env.reset(seed=0)
+    assert env.world is not None and env.world.observer is not None
+    config = env.world.observer.localizer.config  # type: ignore[attr-defined]
+    assert config.imu_sigma_deg == 2.0 and config.odometry_noise == 0.05
+    assert math.isclose(config.odometry_turn_deg, 0.05 * 30.0, rel_tol=0.01)  # of the turn of 30 degrees
+    env.close()

@@ -107,8 +107,9 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
     | `render_mode` | None | "rgb_array": 1280 x 720 picture of view, belief, truth and estimate |
 
     galoc's own localizer is told `imu_noise_deg` and `odometry_noise`. A localizer "module:Class" is built as
-    `Class(plan, camera)` and has `reset()` and `step(wireframe, gravity=..., odometry=...) -> galoc.Estimate`; a `belief` like galoc's is optional. `renderer="none"` is for runs in which
-    nobody looks at pixels: the oracle detector does not.
+    `Class(plan, camera)` and has `reset()` and `step(wireframe, gravity=..., odometry=...) -> galoc.Estimate`;
+    a `belief` like galoc's is optional. `renderer="none"` is for runs in which nobody looks at pixels: the oracle
+    detector does not.
 
     Each noise has an exact zero and its own random stream: changing one leaves the others' values as they were.
 

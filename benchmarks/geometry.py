@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import tyro
+from common import cell
 from numpy.typing import NDArray
 
 from galoc.formats.atomic import write_atomic
@@ -124,12 +125,6 @@ def measure(frames: int, seed: int) -> dict[str, Any]:
     return result
 
 
-def _cell(value: Any, scale: float = 100.0, digits: int = 2) -> str:
-    """A value with its interval."""
-    v, low, high = (math.nan if x is None else scale * x for x in value)
-    return "-" if math.isnan(v) else f"{v:.{digits}f} ({low:.{digits}f}-{high:.{digits}f})"
-
-
 def report(result: dict[str, Any]) -> str:
     """The tables, for people."""
     lines = ["(a) mean ray error / %, share of views that failed / %, error ratio to the paper (95 % intervals)"]
@@ -141,19 +136,22 @@ def report(result: dict[str, Any]) -> str:
     ):
         lines += ["", title] if title else []
         for r in rows:
-            cells = "".join(f"{_cell(r[f'{s}_error']):>18} {100 * r[f'{s}_failed'][0]:>6.1f}%" for s in SOLVERS)
-            ratios = "".join(f"{_cell(r[f'{s}_ratio'], 1.0):>20}" for s in SOLVERS[1:])
+            errors = [cell(r[f"{s}_error"], digits=2) for s in SOLVERS]
+            failed = [100 * r[f"{s}_failed"][0] for s in SOLVERS]
+            cells = "".join(f"{e:>18} {f:>6.1f}%" for e, f in zip(errors, failed, strict=True))
+            ratios = "".join(f"{cell(r[f'{s}_ratio'], 1.0, 2):>20}" for s in SOLVERS[1:])
             lines.append(f"{r['hfov_deg']:4.0f} {r['sigma_px']:5.0f} {r['tilt_deg']:4.0f} {cells}{ratios}")
     for r in result["wrong"]:
         lines.append(
-            f"  sigma {r['sigma_px']:.0f}: ml found {_cell(r['found'], digits=1)} % of the wrong pairs, refused "
-            f"{_cell(r['right_refused'])} % of the right ones, kept {_cell(r['recovered'], digits=1)} % of the rays"
+            f"  sigma {r['sigma_px']:.0f}: ml found {cell(r['found'], digits=1)} % of the wrong pairs, refused "
+            f"{cell(r['right_refused'], digits=2)} % of the right ones, kept {cell(r['recovered'], digits=1)} % "
+            "of the rays"
         )
     lines += ["", "(b) tilt error / deg  (c) rays within 2 sigma / %  (ml)"]
     lines.append(f"{'hfov sigma tilt':<16}{'IMU':>18}{'ml':>18}{'ml/IMU':>18}{'noise told':>20}{'noise estimated':>20}")
     for r in result["ml"]:
-        cells = "".join(f"{_cell(r[k], 1.0):>18}" for k in ("imu_deg", "solver_deg", "ratio"))
-        inside = "".join(f"{_cell(r[k], digits=1):>20}" for k in ("within_2_sigma", "within_2_sigma_noise_unknown"))
+        cells = "".join(f"{cell(r[k], 1.0, 2):>18}" for k in ("imu_deg", "solver_deg", "ratio"))
+        inside = "".join(f"{cell(r[k], digits=1):>20}" for k in ("within_2_sigma", "within_2_sigma_noise_unknown"))
         lines.append(f"{r['hfov_deg']:4.0f} {r['sigma_px']:5.0f} {r['tilt_deg']:4.0f} {cells}{inside}")
     lines += ["", f"(e) processor time per solve, N = {TIMED_PAIRS}"]
     times = result["time_us"]

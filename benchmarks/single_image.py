@@ -26,8 +26,6 @@ from galoc import Camera, Estimate, Floorplan, GalocError, Localizer, LocalizerC
 from galoc.heights import Heights
 from galoc.match import search
 from galoc.metrics import pose_error, rank
-from galoc.observation import observation
-from galoc.posterior import locate_modes, probability_near
 from galoc_env.homes import generate
 
 Array = NDArray[np.float64]
@@ -37,8 +35,6 @@ METHODS = ("paper", "ml", "ml+ceiling", "ml+heights", "oracle")
 SIZE = (640, 480)
 HEIGHTS_SD = 0.03
 """Relative error of the heights that "ml+heights" is told."""
-MODES = 128
-"""Cells that the default localizer registers."""
 REAL = (
     "amrl_maps/AHG1.json", "amrl_maps/GDC1.json", "amrl_maps/GDC3.json", "amrl_maps/NSH1.json", "amrl_maps/GHC1.json",
     "amrl_maps/LGRC1.json", "ifc_duplex/Duplex_Architecture_1_Level-1.json", "mlstruct_fp/floor_302.json",
@@ -66,17 +62,9 @@ def locate(method: str, localizer: Localizer, view: View, heights: tuple[float, 
         rays = true_rays(localizer.plan, localizer.camera, view.pose)
         match = search(localizer.field, rays)
         return _cosine(rays, match.candidates[0, :3]), lambda: match.volume
-    if method == "ml+heights":
-        assert localizer.likelihood is not None
-        likelihood = localizer.likelihood
-        layout, rays = localizer.observe(view.wireframe, view.gravity, Heights.known(*heights, sd=HEIGHTS_SD))
-        seen = observation(layout, rays)
-        if seen.blind:
-            return Estimate(np.full(3, np.nan), 0.0, True), lambda: np.zeros((0, 360), np.float32)
-        modes = locate_modes(likelihood, seen, MODES)
-        pose = modes.poses[0, :3]
-        return Estimate(pose, probability_near(modes, pose[:2]), False), lambda: likelihood.volume(seen)
-    return localizer.locate(view.wireframe, view.gravity), lambda: localizer.scores(view.wireframe, view.gravity)
+    told = Heights.known(*heights, sd=HEIGHTS_SD) if method == "ml+heights" else None
+    seen = (view.wireframe, view.gravity, told)
+    return localizer.locate(*seen), lambda: localizer.scores(*seen)
 
 
 def _cosine(rays: Rays, pose: Array) -> Estimate:

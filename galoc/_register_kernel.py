@@ -155,20 +155,19 @@ def linearize(pose, nodes, cov, state, data, map_sd, e, jac, big):  # type: igno
 
 @njit(cache=True)
 def register(  # type: ignore[no-untyped-def]
-    start, segments, corners, nodes, cov, is_corner, side, prior, prior_precision, map_sd, corner_share, slack
+    start, segments, corners, nodes, cov, is_corner, side, prior_precision, map_sd, corner_share, slack
 ):
     """Register one chain from one start pose.
 
     Args:
-        start: (4,) x, y (m), heading (rad), log scale.
+        start: (4,) x, y (m), heading (rad), log scale; also the prior's mean.
         segments: (S, 4) m, the near ones.
         corners: (C, 2) m.
         nodes: (N, 2) m, s.
         cov: (2N, 2N).
         is_corner: (N,) whether the node is a real corner.
         side: (N,) where its wall is: -1 left, 1 right, 0 both.
-        prior: (4,) prior mean of (x, y, heading, log scale).
-        prior_precision: (4, 4).
+        prior_precision: (4, 4) of the prior about the start.
         map_sd: m.
         corner_share: how often a seen corner is a corner of the map.
         slack: how far the start may be off, in multiples of (0.07 m, 0.6 deg).
@@ -205,7 +204,7 @@ def register(  # type: ignore[no-untyped-def]
             for q in range(4):
                 columns[q] = jac[:, q]
                 cholesky_solve(big, columns[q], 2 * n)
-            offset[:] = pose - prior
+            offset[:] = pose - start
             offset[2] = (offset[2] + math.pi) % (2.0 * math.pi) - math.pi
             square = 0.0
             for k in range(2 * n):
@@ -277,7 +276,7 @@ def register_all(  # type: ignore[no-untyped-def]
                 near += 1
         local_corners = corners[inside[:near]]
         pose, info, evidence, matched, lost = register(
-            starts[c], local, local_corners, nodes, cov, is_corner, side, starts[c], prior_precision, map_sd,
+            starts[c], local, local_corners, nodes, cov, is_corner, side, prior_precision, map_sd,
             corner_share, slack,
         )  # fmt: skip
         poses[c] = pose

@@ -19,7 +19,6 @@ from galoc.heights import Heights
 from galoc.types import BORDER, OCCLUSION, Wireframe
 
 Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SIGMA_PX = 5.0 / 640.0
 """Junction noise assumed before the residuals tell, as a share of the image width."""

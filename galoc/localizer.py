@@ -40,6 +40,9 @@ LEAST_LOG_P = -40.0
 """The belief keeps this much of every pose, nats below the best: what was ruled out by mistake can come back."""
 LISTED_SHARE, FULL_EVERY = 0.3, 5
 """Share of positions above which all are scored anyway; see HOPELESS."""
+NEAR_RAD, LEAD = 0.35, 1.5
+"""The tracker moves to the belief's peak where that is another place (further than 0.5 m or this, rad) with this many
+times the mass."""
 SURE, UNSURE = 0.9, 0.3
 """Heights are learned above the first confidence and forgotten below the second."""
 
@@ -130,8 +133,9 @@ class Localizer:
         self.geometry, self.scoring = geometry, scoring
         self.config = config = config or LocalizerConfig()
         self.field = profile_field(plan, config.resolution)
-        self._on_grid = manhattan(plan.segments)[0] >= GRID_SHARE
         likely = scoring == "likelihood"
+        # Registration compares each wall with the map itself: a prior on directions would use that twice.
+        self._on_grid = geometry == "ml" and not likely and manhattan(plan.segments)[0] >= GRID_SHARE
         spread = (config.odometry_noise, math.radians(config.odometry_turn_deg)) if likely else (0.0, 0.0)
         given = (config.diffusion_m, config.diffusion_rad)
         diffusion = [s if g is None else g for g, s in zip(given, spread, strict=True)]
@@ -172,28 +176,32 @@ class Localizer:
             self.geometry,
             imu_sigma_rad=math.radians(self.config.imu_sigma_deg),
             heights=heights or self._heights,
-            on_grid=self._on_grid and self.likelihood is None,  # registration knows each wall
+            on_grid=self._on_grid,
         )
         return layout, cast_rays(layout, self.camera)
 
-    def scores(self, image: ArrayLike | Wireframe, gravity: ArrayLike) -> NDArray[np.float32]:
+    def scores(
+        self, image: ArrayLike | Wireframe, gravity: ArrayLike, heights: Heights | None = None
+    ) -> NDArray[np.float32]:
         """(P, 360) score of every grid position (``field.positions``) and whole degree: the heat map of one image.
 
-        Scoring "cosine": similarity in [0, 1]; "likelihood": log-likelihood up to a constant.
+        Scoring "cosine": similarity in [0, 1]; "likelihood": log-likelihood up to a constant. Arguments as for
+        :meth:`locate`.
         """
-        layout, rays = self.observe(image, gravity)
+        layout, rays = self.observe(image, gravity, heights)
         if self.likelihood is not None:
             return self.likelihood.volume(observation(layout, rays))
         return score_volume(self.field.ranges, rays)
 
-    def locate(self, image: ArrayLike | Wireframe, gravity: ArrayLike) -> Estimate:
+    def locate(self, image: ArrayLike | Wireframe, gravity: ArrayLike, heights: Heights | None = None) -> Estimate:
         """Pose from a single image; does not touch the belief.
 
         Args:
             image: (H, W, 3) uint8 RGB image, or its wireframe.
             gravity: measured (roll, pitch), rad.
+            heights: what is known of the heights in this image (geometry "ml"); None: what was given.
         """
-        layout, rays = self.observe(image, gravity)
+        layout, rays = self.observe(image, gravity, heights)
         if self.likelihood is not None:
             return self._locate_by_likelihood(self.likelihood, observation(layout, rays), layout, rays)
         if not rays.known.any():
@@ -220,9 +228,8 @@ class Localizer:
             gravity: measured (roll, pitch), rad.
             odometry: (dx forward, dy left, dheading) since the last step in the previous body frame, m and rad.
         """
-        move = checked_odometry(odometry)
         layout, rays = self.observe(image, gravity, self.heights)
-        return self.fuse(rays, move, layout)
+        return self.fuse(rays, odometry, layout)
 
     def fuse(self, rays: Rays, odometry: ArrayLike, layout: Layout | None = None) -> Estimate:
         """The sequence half of :meth:`step`, for rays from elsewhere (a laser, an oracle, another front end).
@@ -269,18 +276,21 @@ class Localizer:
         best = self.belief.log_p.max(axis=1)
         rows = np.flatnonzero(best > HOPELESS)
         if len(rows) > LISTED_SHARE * len(best) or self._frames % FULL_EVERY == 0:
-            rows = np.arange(len(best))
-        found = likelihood.volume(seen, rows=rows)
-        volume = np.full(self.belief.log_p.shape, np.float32(FRAME_FLOOR))
-        volume[rows] = np.maximum(found - found.max(), np.float32(FRAME_FLOOR))
+            found = volume = likelihood.volume(seen)
+        else:
+            found = likelihood.volume(seen, rows=rows)
+            volume = np.full(self.belief.log_p.shape, -np.inf, np.float32)
+            volume[rows] = found
+        volume = np.maximum(volume - found.max(), np.float32(FRAME_FLOOR))
         self.belief.add(np.float32(FRAME_TEMPER) * volume, least=LEAST_LOG_P)
 
     def _leads(self, peak: NDArray[np.float64], tracked: NDArray[np.float64]) -> bool:
         """Whether the belief has come to prefer another place than the tracked one."""
         turned = abs(math.remainder(peak[2] - tracked[2], math.tau))
-        if math.hypot(*(peak[:2] - tracked[:2])) < NEAR_M and turned < 0.35:
+        if math.hypot(*(peak[:2] - tracked[:2])) < NEAR_M and turned < NEAR_RAD:
             return False
-        return self.belief.mass_near(peak, NEAR_M, 0.35) > 1.5 * self.belief.mass_near(tracked, NEAR_M, 0.35)
+        here, there = (self.belief.mass_near(pose, NEAR_M, NEAR_RAD) for pose in (peak, tracked))
+        return here > LEAD * there
 
     def _report(
         self,

@@ -48,6 +48,11 @@ class Observation:
     """Standard deviation of the log scale."""
 
     @property
+    def scale_precision(self) -> float:
+        """Precision with which the log scale is known beforehand, at most that of 0.3 %."""
+        return 1.0 / max(self.scale_sd, 0.003) ** 2
+
+    @property
     def share(self) -> float:
         """Weight of one ray: the rays of a frame together count as ``EFFECTIVE_RAYS``."""
         count = int(np.count_nonzero(np.isfinite(self.variance)))

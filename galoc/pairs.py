@@ -151,23 +151,8 @@ def _paper(
     """The paper's solver on the pairs of each frame that are whole; the others are NaN."""
     from galoc.gauge import solve_points
 
-    frames, n = p.shape[:2]
-    points, heights = np.full((frames, n, 2), np.nan), np.full((frames, 2), np.nan)
-    theta = 0.0 if fixed else None
     levels = np.array([levelling(g) for g in gravity]).reshape(-1, 3, 3)
     rays = [np.einsum("bij,bnj->bni", levels, camera.rays_camera(x)) for x in (p, q)]
-    groups: dict[bytes, list[int]] = {}
-    for f in range(frames):
-        groups.setdefault(whole[f].tobytes(), []).append(f)
-    for members in groups.values():  # frames with the same pairs missing are solved together
-        columns = np.flatnonzero(whole[members[0]])
-        if len(columns) < 2:
-            continue
-        rows = np.ix_(np.array(members), columns)
-        xz, h, _ = solve_points(rays[0][rows], rays[1][rows], theta=theta)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            unit = np.sqrt(np.abs(h[:, 0] * h[:, 1]))
-            points[rows] = xz / unit[:, None, None]
-            heights[members] = h / unit[:, None]
-    flagged = np.zeros((frames, n), dtype=bool)
-    return PairSolution(points, heights, gravity, None, flagged, np.full(frames, np.nan))
+    rays[0][~whole] = np.nan  # pairs that the solver is to leave out
+    points, heights, _ = solve_points(*rays, theta=0.0 if fixed else None)
+    return PairSolution(points, heights, gravity, None, np.zeros_like(whole), np.full(len(p), np.nan))

@@ -68,14 +68,14 @@ def register_poses(
         segments: (S, 4) map walls, m.
         corners: (K, 2) map corners, m.
         corner_share: how often a seen corner is one of the map.
-        prior_precision: (3, 3) information of each start as a prior on its pose; None: none.
+        prior_precision: (3, 3) information of each start as a prior on its pose; None: that of ``LOCAL_SD``.
         slack: how far a start may be off, in multiples of a 0.1 m cell.
         map_sd: accuracy of the map, m.
         free: where a camera can be; modes outside are dropped. None: anywhere.
     """
     starts = np.concatenate([starts[:, :3], np.zeros((len(starts), 1))], axis=1)
     precision = np.zeros((4, 4))
-    precision[3, 3] = 1.0 / max(seen.scale_sd, 0.003) ** 2
+    precision[3, 3] = seen.scale_precision
     precision[:3, :3] = np.diag(1.0 / np.square(LOCAL_SD)) if prior_precision is None else prior_precision
     known = np.isfinite(seen.variance)
     reach = 30.0

@@ -102,7 +102,7 @@ class Tracker:
         value, vector = np.linalg.eigh(kept)
         self.covariance = (vector / np.maximum(value, 1e-6)) @ vector.T
         self.mean = modes.poses[0, :3].copy()
-        prior = 1.0 / max(seen.scale_sd, 0.003) ** 2
+        prior = seen.scale_precision
         own = 1.0 / float(modes.covariances[0, 3, 3]) - prior
         if own <= 0.0:
             return None

@@ -57,7 +57,7 @@ class _View:
 
     def error(self, points: Array) -> float:
         """Ray error of a structure."""
-        return ray_error(rays_of(points, self.seen.walls, self.scene.azimuths)[0], self.scene)
+        return ray_error(rays_of(points, self.seen.walls, self.scene.azimuths)[0], self.scene.ranges)
 
 
 def _views(frames: int, seed: int) -> list[_View]:

@@ -162,7 +162,7 @@ def _scored(scene: Scene, seen: Observation, solution: PairSolution, b: int) -> 
     covariance = None if solution.covariance is None else solution.covariance[b]
     log_range, variance, behind = rays_of(points, seen.walls, scene.azimuths, covariance)
     known = np.isfinite(scene.ranges) & np.isfinite(log_range)
-    error = ray_error(log_range, scene)
+    error = ray_error(log_range, scene.ranges)
     z = np.zeros(0)
     if covariance is not None and math.isfinite(error):
         unit = 0.5 * math.log(scene.heights[0] * scene.heights[1])
@@ -194,12 +194,12 @@ def rays_of(
     return log_range, variance, bool((there & ~front).any())
 
 
-def ray_error(log_range: Array, scene: Scene) -> float:
+def ray_error(log_range: Array, ranges: Array) -> float:
     """Mean of |s r / r_true - 1| over the rays known in both, s the median ratio; at most 1, NaN below 5 rays."""
-    known = np.isfinite(scene.ranges) & np.isfinite(log_range)
+    known = np.isfinite(ranges) & np.isfinite(log_range)
     if known.sum() < MIN_RAYS:
         return math.nan
-    ratio = np.exp(log_range[known]) / scene.ranges[known]
+    ratio = np.exp(log_range[known]) / ranges[known]
     return min(WORST, float(np.mean(np.abs(ratio / np.median(ratio) - 1.0))))
 
 

@@ -128,7 +128,7 @@ def test_nothing_recovered_is_a_failure():
     for solver in (blind, behind):
         numbers = summary(score(BASE, 5, 0, {"bad": solver})["bad"])
         assert numbers["failure"] == 1.0 and numbers["recovered"] == 0.0 and math.isnan(numbers["ray_error"])
-    assert math.isnan(ray_error(np.full(109, np.nan), scenes(BASE, 5, 0)[0]))
+    assert math.isnan(ray_error(np.full(109, np.nan), scenes(BASE, 5, 0)[0].ranges))
 
 
 def test_intervals_resample_homes_not_views():
@@ -259,6 +259,6 @@ def test_points_of_the_paper_are_those_of_the_gauge():
         seen = observe(scene, BASE, i, 0)
         p, q = (BASE.camera.rays_level(x, seen.gravity)[None] for x in (seen.ceiling, seen.floor))
         points = solve_points(p, q)[0][0]
-        own = ray_error(rays_of(points, seen.walls, scene.azimuths)[0], scene)
+        own = ray_error(rays_of(points, seen.walls, scene.azimuths)[0], scene.ranges)
         # 1e-6: theta_hat is refined to 1e-7 rad, and the rays differ in their last digit.
         assert scores.ray_error[i] == pytest.approx(own, rel=1e-6)

@@ -10,6 +10,7 @@ from typing import Any
 
 import tyro
 
+from galoc.cli_cache import cache
 from galoc.errors import GalocError
 from galoc.floorplan import Floorplan
 
@@ -63,7 +64,7 @@ def facts_text(loaded: Floorplan) -> str:
     return "\n".join(f"{key:<16}{value}" for key, value in rows.items())
 
 
-COMMANDS: dict[str, Callable[..., Any]] = {"plan": plan}
+COMMANDS: dict[str, Callable[..., Any]] = {"plan": plan, "cache": cache}
 """Subcommands by name; the function's signature is the command line."""
 
 

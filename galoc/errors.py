@@ -1,4 +1,4 @@
-"""The one exception galoc raises on bad input."""
+"""The one exception galoc raises on bad input, and its one warning."""
 
 from __future__ import annotations
 
@@ -21,3 +21,7 @@ class GalocError(ValueError):
     def __reduce__(self) -> tuple[type[GalocError], tuple[str, str, str]]:
         """Pickle by the three parts, so that the error crosses process borders."""
         return (type(self), (self.got, self.expected, self.cure))
+
+
+class CacheWarning(UserWarning):
+    """The cache on disk is damaged or cannot be written; results are right, only computed anew."""

@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from galoc.cache import DiskCache, content_key
 from galoc.errors import GalocError
 from galoc.floorplan import Floorplan
 from galoc.raycast import cast_profiles, tile_lists
@@ -23,6 +24,10 @@ TILE = 1.0
 """Side of the tiles that share one front-to-back list, m."""
 MAX_LIST = 40_000_000
 """Tiles grow on large plans until their lists hold no more entries than this."""
+CASTER_VERSION = 1
+"""Counted up whenever the caster gives other ranges, so that none of before are read from the cache."""
+KEPT_WORK = 1_000_000
+"""Profiles are kept on disk where positions times segments exceed this, about 0.1 s of casting."""
 
 
 class Caster:
@@ -108,4 +113,17 @@ def profile_field(plan: Floorplan, resolution: float = 0.1) -> ProfileField:
     index = np.full(free.clearance.shape, -1, np.int32)
     index[cell[:, 0], cell[:, 1]] = np.arange(len(positions), dtype=np.int32)
     caster = Caster(plan)
-    return ProfileField(positions, caster(positions), free.resolution, free.origin, cell, index, caster)
+    ranges = _ranges(caster, positions, free.resolution, free.origin)
+    return ProfileField(positions, ranges, free.resolution, free.origin, cell, index, caster)
+
+
+def _ranges(caster: Caster, positions: Array, resolution: float, origin: Array) -> NDArray[np.float32]:
+    """Profiles of the grid, cast or read from the cache on disk."""
+    segments = caster.plan.segments
+    if len(positions) * len(segments) <= KEPT_WORK:
+        return caster(positions)
+    key = content_key("ranges", CASTER_VERSION, segments, resolution, origin, CLEARANCE, positions)
+    name = caster.plan.name or "a plan without name"
+    note = f"profiles of {name}, {resolution:g} m"
+    # Writable in memory only: numba would compile every kernel again for read-only arrays.
+    return DiskCache().fetch(key, lambda: {"ranges": caster(positions)}, note, writable=True)["ranges"]

@@ -1,6 +1,9 @@
 """What several tests share: a seeded generator, and the published plans where they lie beside the checkout."""
 
+import atexit
 import os
+import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +12,11 @@ from hypothesis import settings
 
 # No window system in tests, whatever the user's own matplotlib settings are; children of the tests inherit it.
 os.environ["MPLBACKEND"] = "Agg"
+
+# Nor the user's own cache: set here, since test modules load plans while they are imported.
+os.environ["GALOC_CACHE"] = tempfile.mkdtemp(prefix="galoc-test-cache-")
+os.environ.pop("GALOC_CACHE_GB", None)
+atexit.register(shutil.rmtree, os.environ["GALOC_CACHE"], ignore_errors=True)
 
 # The same examples in every run, and no deadline: on shared cores a slow example says nothing about the code.
 settings.register_profile("galoc", deadline=None, derandomize=True, max_examples=60)

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit, prange
 
 from galoc._linalg_kernel import cholesky, cholesky_inverse, cholesky_solve
-from galoc._visibility_kernel import NEAR, cast, nearby, ray_cost, unseen_corners, visible_corners
+from galoc._visibility_kernel import NEAR, cast, distances, nearby, ray_cost, unseen_corners, visible_corners
 
 ON_CORNER, ON_WALL, OUTLIER = 0, 1, 2
 ALONG_WALL = 0.3
@@ -27,7 +27,7 @@ ROUNDS = 5
 @njit(cache=True)
 def assign(  # type: ignore[no-untyped-def]
     pose, segments, corners, nodes, cov, is_corner, side, slack_m, slack_az, slack_g, map_sd, corner_share, state, data,
-    seen,
+    seen, far, moved,
 ):  # fmt: skip
     """Choose for every node what it is in the map: a corner, a point on a wall, or nothing.
 
@@ -41,7 +41,7 @@ def assign(  # type: ignore[no-untyped-def]
     low, high = nodes[0, 0], nodes[0, 0]
     for i in range(n):
         low, high = min(low, nodes[i, 0]), max(high, nodes[i, 0])
-    count = visible_corners(segments, corners, x, y, heading, low - 0.5, high + 0.5, seen)
+    count = visible_corners(segments, corners, x, y, heading, low - 0.5, high + 0.5, seen, far, moved)
     total = 0.0
     for i in range(n):
         m, d = nodes[i, 0], nodes[i, 1]
@@ -62,7 +62,7 @@ def assign(  # type: ignore[no-untyped-def]
             else:
                 at = m + (2 * (turn % 2) - 1) * (0.004 + (0.5 + turn // 2) * sd_m)
             wx, wy = c + at * s, s - at * c
-            reach, k = cast(segments, x, y, wx, wy)
+            reach, k = cast(segments, x, y, wx, wy, far, moved)
             if k < 0:
                 continue
             nx, ny = -(segments[k, 3] - segments[k, 1]), segments[k, 2] - segments[k, 0]
@@ -155,13 +155,14 @@ def linearize(pose, nodes, cov, state, data, map_sd, e, jac, big):  # type: igno
 
 @njit(cache=True)
 def register(  # type: ignore[no-untyped-def]
-    start, segments, corners, nodes, cov, is_corner, side, prior_precision, map_sd, corner_share, slack
+    start, segments, far, corners, nodes, cov, is_corner, side, prior_precision, map_sd, corner_share, slack
 ):
     """Register one chain from one start pose.
 
     Args:
         start: (4,) x, y (m), heading (rad), log scale; also the prior's mean.
-        segments: (S, 4) m, the near ones.
+        segments: (S, 4) m, the near ones, nearest to the start first.
+        far: (S,) m, their distances to the start.
         corners: (C, 2) m.
         nodes: (N, 2) m, s.
         cov: (2N, 2N).
@@ -193,7 +194,7 @@ def register(  # type: ignore[no-untyped-def]
         ease = slack * (1.0, 0.5, 0.25, 0.0, 0.0, 0.0)[round_]
         log_prior = assign(
             pose, segments, corners, nodes, cov, is_corner, side, 0.07 * ease, 0.01 * ease, 0.08 * ease, map_sd,
-            corner_share, state, data, seen,
+            corner_share, state, data, seen, far, math.hypot(pose[0] - start[0], pose[1] - start[1]),
         )  # fmt: skip
         for _ in range(2):
             linearize(pose, nodes, cov, state, data, map_sd, e, jac, big)
@@ -233,9 +234,9 @@ def register(  # type: ignore[no-untyped-def]
                 return pose, info, -1e18, 0, n
             cholesky_solve(damped, grad, 4)
             shrink = 1.0
-            far = math.hypot(grad[0], grad[1])
-            if far > 0.25:
-                shrink = 0.25 / far
+            step = math.hypot(grad[0], grad[1])
+            if step > 0.25:
+                shrink = 0.25 / step
             if abs(grad[2]) * shrink > 0.08:
                 shrink = 0.08 / abs(grad[2])
             for q in range(4):
@@ -268,15 +269,11 @@ def register_all(  # type: ignore[no-untyped-def]
     for c in prange(count):
         buffer = np.empty((64, 3))
         local = nearby(segments, starts[c, 0], starts[c, 1], reach)
-        inside = np.empty(corners.shape[0], np.int64)
-        near = 0
-        for k in range(corners.shape[0]):
-            if (corners[k, 0] - starts[c, 0]) ** 2 + (corners[k, 1] - starts[c, 1]) ** 2 <= reach * reach:
-                inside[near] = k
-                near += 1
-        local_corners = corners[inside[:near]]
+        far = distances(local, starts[c, 0], starts[c, 1])
+        away = (corners[:, 0] - starts[c, 0]) ** 2 + (corners[:, 1] - starts[c, 1]) ** 2
+        local_corners = corners[away <= reach * reach]
         pose, info, evidence, matched, lost = register(
-            starts[c], local, local_corners, nodes, cov, is_corner, side, prior_precision, map_sd,
+            starts[c], local, far, local_corners, nodes, cov, is_corner, side, prior_precision, map_sd,
             corner_share, slack,
         )  # fmt: skip
         poses[c] = pose
@@ -291,7 +288,9 @@ def register_all(  # type: ignore[no-untyped-def]
         for q in range(4):
             log_det += math.log(chol[q, q])
         mass[c] = evidence - log_det
-        mass[c] -= 0.5 * ray_weight * ray_cost(pose, local, azimuths, seen, sd, least, saturation)
+        moved = math.hypot(pose[0] - starts[c, 0], pose[1] - starts[c, 1])
+        mass[c] -= 0.5 * ray_weight * ray_cost(pose, local, azimuths, seen, sd, least, saturation, far, moved)
         if unseen_cost > 0.0:
-            mass[c] -= unseen_cost * unseen_corners(pose, local, local_corners, nodes, cov, azimuths, sd, buffer)
+            missing = unseen_corners(pose, local, local_corners, nodes, cov, azimuths, sd, buffer, far, moved)
+            mass[c] -= unseen_cost * missing
     return poses, covs, mass, counts

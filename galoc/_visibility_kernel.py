@@ -1,4 +1,9 @@
-"""Numba kernels: what of a map is seen from a pose, and how far that contradicts an observation."""
+"""Numba kernels: what of a map is seen from a pose, and how far that contradicts an observation.
+
+Where segments come from :func:`nearby`, with their ``far`` from :func:`distances`, a search ends once all that follow
+are farther than what was found. ``far`` holds where they were sorted; ``moved`` is the way from there. Without ``far``
+segments may come in any order.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +17,14 @@ NEAR = 0.08
 
 
 @njit(cache=True)
-def cast(segments, x, y, c, s):  # type: ignore[no-untyped-def]
+def cast(segments, x, y, c, s, far=None, moved=0.0):  # type: ignore[no-untyped-def]
     """Range and index of the first segment along (c, s), in multiples of that vector; (inf, -1) for none."""
     best, index = np.inf, -1
+    size = math.hypot(c, s)
     for k in range(segments.shape[0]):
+        if far is not None:
+            if far[k] - moved > best * size:
+                break
         x0, y0 = segments[k, 0] - x, segments[k, 1] - y
         dx, dy = segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1]
         den = c * dy - s * dx
@@ -32,24 +41,38 @@ def cast(segments, x, y, c, s):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def nearby(segments, x, y, reach):  # type: ignore[no-untyped-def]
-    """Segments that come within ``reach`` of (x, y), nearest first: what hides something is found early."""
-    distance = np.empty(segments.shape[0])
-    count = 0
+def distances(segments, x, y):  # type: ignore[no-untyped-def]
+    """(S,) m: distance of (x, y) to each segment."""
+    out = np.empty(segments.shape[0])
     for k in range(segments.shape[0]):
         ax, ay = segments[k, 0] - x, segments[k, 1] - y
         dx, dy = segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1]
         u = min(1.0, max(0.0, -(ax * dx + ay * dy) / (dx * dx + dy * dy)))
-        distance[k] = math.hypot(ax + u * dx, ay + u * dy)
-        if distance[k] <= reach:
-            count += 1
-    return segments[np.argsort(distance)[:count]]
+        px, py = ax + u * dx, ay + u * dy
+        out[k] = math.sqrt(px * px + py * py)
+    return out
 
 
 @njit(cache=True)
-def blocked(segments, x, y, dx, dy, limit):  # type: ignore[no-untyped-def]
-    """Whether a segment crosses the way from (x, y) along (dx, dy) before ``limit`` of its length."""
-    for k in range(segments.shape[0]):
+def nearby(segments, x, y, reach):  # type: ignore[no-untyped-def]
+    """Segments that come within ``reach`` of (x, y), nearest first: what hides something is found early."""
+    distance = distances(segments, x, y)
+    inside = np.flatnonzero(distance <= reach)
+    return segments[inside[np.argsort(distance[inside])]]
+
+
+@njit(cache=True)
+def blocker(segments, x, y, dx, dy, limit, first, far=None, moved=0.0):  # type: ignore[no-untyped-def]
+    """Index of a segment that crosses the way from (x, y) along (dx, dy) before ``limit`` of its length; -1 for none.
+
+    Segment ``first`` is tried first: what hides one thing often hides the next.
+    """
+    length = limit * math.hypot(dx, dy)
+    for n in range(-1 if segments.shape[0] > 0 else 0, segments.shape[0]):
+        k = n if n >= 0 else first
+        if far is not None:
+            if n >= 0 and far[n] - moved > length:
+                break
         x0, y0 = segments[k, 0] - x, segments[k, 1] - y
         ex, ey = segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1]
         den = dx * ey - dy * ex
@@ -60,15 +83,15 @@ def blocked(segments, x, y, dx, dy, limit):  # type: ignore[no-untyped-def]
             continue
         u = (x0 * dy - y0 * dx) / den
         if -1e-9 <= u <= 1.0 + 1e-9:
-            return True
-    return False
+            return k
+    return -1
 
 
 @njit(cache=True)
-def visible_corners(segments, corners, x, y, heading, m_low, m_high, out):  # type: ignore[no-untyped-def]
+def visible_corners(segments, corners, x, y, heading, m_low, m_high, out, far=None, moved=0.0):  # type: ignore[no-untyped-def]
     """Map corners seen within [m_low, m_high] as rows (m, z, corner index) of ``out``; returns their number."""
     c, s = math.cos(heading), math.sin(heading)
-    count = 0
+    count, last = 0, 0
     for k in range(corners.shape[0]):
         dx, dy = corners[k, 0] - x, corners[k, 1] - y
         z = c * dx + s * dy
@@ -77,7 +100,10 @@ def visible_corners(segments, corners, x, y, heading, m_low, m_high, out):  # ty
         m = (s * dx - c * dy) / z
         if m < m_low or m > m_high:
             continue
-        if blocked(segments, x, y, dx, dy, 1.0 - 0.03 / math.hypot(dx, dy) - 0.005):
+        limit = 1.0 - 0.03 / math.hypot(dx, dy) - 0.005
+        found = blocker(segments, x, y, dx, dy, limit, last, far, moved)
+        if found >= 0:
+            last = found
             continue
         out[count, 0], out[count, 1], out[count, 2] = m, z, k
         count += 1
@@ -85,7 +111,7 @@ def visible_corners(segments, corners, x, y, heading, m_low, m_high, out):  # ty
 
 
 @njit(cache=True)
-def ray_cost(pose, segments, azimuths, seen, sd, least, saturation):  # type: ignore[no-untyped-def]
+def ray_cost(pose, segments, azimuths, seen, sd, least, saturation, far=None, moved=0.0):  # type: ignore[no-untyped-def]
     """Sum of robust squared residuals of the rays at a pose.
 
     Nodes say how well walls fit; rays, that nothing stands between the nodes.
@@ -96,7 +122,7 @@ def ray_cost(pose, segments, azimuths, seen, sd, least, saturation):  # type: ig
         if not sd[i] > 0.0:
             continue
         b = heading - azimuths[i]
-        reach, k = cast(segments, x, y, math.cos(b), math.sin(b))
+        reach, k = cast(segments, x, y, math.cos(b), math.sin(b), far, moved)
         # A map without a wall there contradicts a wall that is seen, fully.
         e = max(math.log(reach) - seen[i] - g, least[i]) / sd[i] if k >= 0 else 1e3
         total += e * e * saturation / (e * e + saturation)
@@ -104,10 +130,12 @@ def ray_cost(pose, segments, azimuths, seen, sd, least, saturation):  # type: ig
 
 
 @njit(cache=True)
-def unseen_corners(pose, segments, corners, nodes, cov, azimuths, sd, seen):  # type: ignore[no-untyped-def]
+def unseen_corners(  # type: ignore[no-untyped-def]
+    pose, segments, corners, nodes, cov, azimuths, sd, seen, far=None, moved=0.0
+):
     """Map corners that should be seen on the known walls and are not: their number at a pose."""
     n = nodes.shape[0]
-    count = visible_corners(segments, corners, pose[0], pose[1], pose[2], -20.0, 20.0, seen)
+    count = visible_corners(segments, corners, pose[0], pose[1], pose[2], -20.0, 20.0, seen, far, moved)
     missing = 0.0
     for q in range(count):
         m = seen[q, 0]

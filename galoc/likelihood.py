@@ -6,14 +6,14 @@ variance that the layout gives it. Derivation and measurements in docs/geometry.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from galoc._likelihood_kernel import corner_distances, likelihood_volume
+from galoc._corner_kernel import CODE_DEG, corner_distances
+from galoc._likelihood_kernel import TOGETHER, likelihood_volume
 from galoc.corners import map_corners
-from galoc.observation import MAP_SD_M, Observation
+from galoc.errors import GalocError
+from galoc.observation import Observation, pose_variance
 from galoc.profiles import ProfileField
 from galoc.register import Modes, register_poses
 
@@ -30,6 +30,8 @@ STRIDE = 3
 """Every third ray is scored where more than ``MANY_RAYS`` are told."""
 MANY_RAYS = 30
 """See STRIDE."""
+MOST_PRECISION = 1e7
+"""No log range is trusted further than this, 1/variance."""
 
 
 class Likelihood:
@@ -41,13 +43,11 @@ class Likelihood:
 
     def __init__(self, field: ProfileField) -> None:
         self.field = field
-        self.log_ranges: Float32 = np.log(np.maximum(field.ranges, np.float32(0.02)))
-        """(P, 360) log m."""
         self.corners, self._drawn_share = map_corners(field.caster.plan)
         self.forget_corners()
         self._free = field.caster.plan.free_space(0.05)
-        self.corner_deg: Float32 = corner_distances(field.positions, field.ranges, self.corners)
-        """(P, 360) degrees to the nearest visible map corner."""
+        self.corner_code: NDArray[np.uint8] = corner_distances(field.positions, field.ranges, self.corners)
+        """(P, 360) angle to the nearest visible map corner, in steps of 0.05 degrees."""
 
     def volume(
         self,
@@ -63,35 +63,54 @@ class Likelihood:
             headings_deg: (V,) whole degrees; None: 0..359.
             rows: (R,) positions to score instead of all P.
         """
-        ranges, corner_deg = self.log_ranges, self.corner_deg
-        if rows is not None:
-            ranges, corner_deg = ranges[rows], corner_deg[rows]
         headings = np.arange(360, dtype=np.int64) if headings_deg is None else np.asarray(headings_deg) % 360
-        precision = 1.0 / (seen.variance + self._grid_variance(seen))
+        return self._volume(seen, headings, 1, 0, rows)
+
+    def cell_volume(
+        self, seen: Observation, group: int, *, first_deg: int = 0, rows: NDArray[np.int64] | None = None
+    ) -> Float32:
+        """(P, 360 // group) log of the mean likelihood over each heading cell, up to the same constant as ``volume``.
+
+        Args:
+            seen: the observation.
+            group: whole degrees per heading cell, a divisor of 360.
+            first_deg: first heading of cell 0; cell v holds first_deg + v * group .. first_deg + (v + 1) * group - 1.
+            rows: (R,) positions to score instead of all P.
+        """
+        if isinstance(group, bool) or not isinstance(group, int | np.integer) or group < 1 or 360 % group:
+            raise GalocError(f"group = {group!r}", "a divisor of 360", "Use 1, 2, 3, 4, 5 or 6.")
+        return self._volume(seen, np.arange(360, dtype=np.int64), int(group), int(first_deg), rows)
+
+    def _volume(
+        self, seen: Observation, headings: NDArray[np.int64], group: int, turn: int, rows: NDArray[np.int64] | None
+    ) -> Float32:
+        precision = 1.0 / (seen.variance + pose_variance(seen, self.field.resolution))
         told = np.flatnonzero(precision > 0.0)
-        first = int(told[0]) if len(told) else 0
         stride = STRIDE if len(told) > MANY_RAYS else 1  # neighbouring rays on one wall say the same
-        keep = np.arange(first, int(told[-1]) + 1 if len(told) else 0, stride)
-        precision, limited = precision[keep], seen.is_limit[keep]
+        if stride > 1:
+            told = told[(told - told[0]) % stride == 0]
         share = seen.share * stride
-        corner_bin, corner_part, corner_precision = self._corner_terms(seen)
-        as32 = np.float32
+        bins = (turn + told - (len(seen.log_range) - 1) // 2) % 360
+        # Above MOST_PRECISION products of four rays would leave float32.
+        terms = np.stack([seen.log_range[told], np.minimum(precision[told], MOST_PRECISION) / SATURATION])
+        terms = terms.astype(np.float32)
+        limited = seen.is_limit[told]
+        fill = -int(np.count_nonzero(~limited)) % TOGETHER
+        corner_bin, corners = self._corner_terms(seen)
         return likelihood_volume(
-            ranges,
-            corner_deg if len(corner_bin) else corner_deg[:0],
+            self.field.ranges,
+            self.corner_code,
+            np.arange(len(self.field.positions)) if rows is None else np.asarray(rows, dtype=np.int64),
             headings,
-            first - (len(seen.log_range) - 1) // 2,
-            stride,
-            seen.log_range[keep].astype(as32),
-            (precision / SATURATION).astype(as32),
-            np.where(limited, 0.0, -1e6).astype(as32),
-            (np.where(limited, 0.0, precision) * share).astype(as32),
-            as32(SATURATION * share),
-            corner_bin,
-            corner_part.astype(as32),
-            corner_precision.astype(as32),
-            np.full(len(corner_bin), CORNER_SATURATION * self.corner_share, as32),
-            as32(1.0 / max(seen.scale_sd, 0.01) ** 2),
+            group,
+            np.pad(bins[~limited], (0, fill)),
+            np.pad(np.ascontiguousarray(terms[:, ~limited]), ((0, 0), (0, fill))),
+            bins[limited],
+            np.ascontiguousarray(terms[:, limited]),
+            (corner_bin + turn) % 360,
+            corners,
+            np.float32(SATURATION * share),
+            np.float32(1.0 / max(seen.scale_sd, 0.01) ** 2 / (SATURATION * share)),
         )
 
     def forget_corners(self) -> None:
@@ -117,22 +136,14 @@ class Likelihood:
             prior_precision=prior_precision, slack=slack, free=self._free,
         )  # fmt: skip
 
-    def _grid_variance(self, seen: Observation) -> Array:
-        """(n,) log-range variance as a cell's centre and a whole degree stand for the pose: larger where it grazes."""
-        slope = np.zeros(len(seen.log_range))
-        known = np.isfinite(seen.variance) & ~seen.is_limit
-        if np.count_nonzero(known) > 1:
-            at = np.flatnonzero(known)
-            slope[at] = np.clip(np.gradient(seen.log_range[at], seen.azimuths[at]), -3.0, 3.0)
-        cell = self.field.resolution**2 / 12.0
-        turn = math.radians(1.0) ** 2 / 12.0
-        return (cell + MAP_SD_M**2) * (1.0 + slope**2) / np.exp(2.0 * seen.log_range) + turn * slope**2
-
-    def _corner_terms(self, seen: Observation) -> tuple[NDArray[np.int64], Array, Array]:
+    def _corner_terms(self, seen: Observation) -> tuple[NDArray[np.int64], Float32]:
+        """Bins of the observed corners, and what the kernel wants of each."""
         m = seen.nodes[seen.is_corner, 0]
         bearing = np.degrees(-np.arctan(m))
         variance = np.diag(seen.covariance)[::2][seen.is_corner] / (1.0 + m**2) ** 2
         depth = 1.0 / np.maximum(seen.nodes[seen.is_corner, 1] * np.sqrt(1.0 + m**2), 1e-3)  # range, m
         cell = self.field.resolution**2 / 12.0 / np.maximum(depth, 0.3) ** 2
         low = np.floor(bearing)
-        return (low.astype(np.int64) % 360, bearing - low, 1.0 / (np.degrees(1.0) ** 2 * (variance + cell) + 0.1))
+        most = np.full(len(m), CORNER_SATURATION * self.corner_share)
+        precision = CODE_DEG**2 / (np.degrees(1.0) ** 2 * (variance + cell) + 0.1) / most
+        return low.astype(np.int64), np.stack([bearing - low, precision, most]).astype(np.float32)

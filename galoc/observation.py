@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,6 +102,22 @@ def observation(layout: Layout, rays: Rays) -> Observation:
         side[keep],
         layout.scale_sd,
     )
+
+
+def pose_variance(seen: Observation, step_m: float) -> Array:
+    """(n,) log-range variance as a cell's centre and a whole degree stand for the pose: larger where it grazes.
+
+    Args:
+        seen: the observation.
+        step_m: distance of neighbouring positions, m.
+    """
+    slope = np.zeros(len(seen.log_range))
+    at = np.flatnonzero(np.isfinite(seen.variance) & ~seen.is_limit)
+    if len(at) > 1:
+        slope[at] = np.clip(np.gradient(seen.log_range[at], seen.azimuths[at]), -3.0, 3.0)
+    turn = math.radians(1.0) ** 2 / 12.0
+    cell = step_m**2 / 12.0 + MAP_SD_M**2
+    return np.asarray(cell * (1.0 + slope**2) / np.exp(2.0 * seen.log_range) + turn * slope**2)
 
 
 def _informative(

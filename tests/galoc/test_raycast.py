@@ -7,7 +7,7 @@ import pytest
 
 from galoc import Floorplan, GalocError
 from galoc.profiles import CLEARANCE, MAX_POSITIONS, Caster, profile_field
-from galoc.raycast import cast_profiles, tile_lists
+from galoc.raycast import MOST, NEAR_BIN, bearing_deg, cast_profiles, tile_lists
 
 ANGLE = np.radians(np.arange(360))
 DIRECTION = np.stack([np.cos(ANGLE), np.sin(ANGLE)], axis=1)
@@ -44,6 +44,44 @@ def test_profiles_equal_brute_force(name: str) -> None:
         compared += np.count_nonzero(clear)
         np.testing.assert_allclose(got[clear], longer[clear], rtol=2e-7)  # float32
     assert compared > 0.99 * 360 * len(positions)
+
+
+@pytest.mark.parametrize("centre", [(0.0, 0.0), (-3.7, 0.3), (211.3, 98.1)])
+def test_walls_that_meet_on_a_ray_are_watertight(centre: tuple[float, float]) -> None:
+    """A ring with a corner on every whole degree: each ray ends at its corner, none slips through."""
+    radius = np.random.default_rng(3).uniform(1.0, 9.0, 360)
+    ring = np.array(centre) + radius[:, None] * DIRECTION
+    got = Caster(Floorplan.from_segments(np.hstack([ring, np.roll(ring, -1, axis=0)])))([centre])[0]
+    # An end point may lie 1e-11 rad beside its ray, where the wall's range changes by 1e3 m a radian at most.
+    np.testing.assert_allclose(got, radius, rtol=2e-7)  # float32
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.3])
+def test_walls_of_many_short_pieces_equal_brute_force(gap: float) -> None:
+    """Rings of pieces that mostly lie between two rays; with gaps, rays pass nearer rings and reach farther ones."""
+    rng, pieces = np.random.default_rng(4), []
+    for radius in (2.0, 4.0, 7.0, 11.0):
+        count = 4 * MOST
+        edge = np.sort(rng.uniform(0.0, 2.0 * math.pi, count))
+        keep = rng.random(count) >= gap
+        a = radius * np.stack([np.cos(edge), np.sin(edge)], axis=1)
+        pieces.append(np.hstack([a, np.roll(a, -1, axis=0)])[keep])
+    plan = Floorplan.from_segments(np.concatenate(pieces))
+    positions = rng.uniform(-1.2, 1.2, (40, 2))
+    for xy, got in zip(positions, Caster(plan)(positions), strict=True):
+        shorter, longer = brute_force(plan.segments, xy, -1e-7), brute_force(plan.segments, xy, 1e-7)
+        clear = shorter == longer
+        assert clear.mean() > 0.99
+        np.testing.assert_allclose(got[clear], longer[clear], rtol=2e-7)  # float32
+
+
+def test_bearing_error_is_below_what_the_caster_allows_for() -> None:
+    angle = np.random.default_rng(5).uniform(0.0, 360.0, 20_000)
+    angle = np.concatenate([angle, np.arange(0.0, 360.0, 15.0), 45.0 + np.array([-1e-9, 1e-9])])
+    got = np.array([bearing_deg(3.0 * math.cos(a), 3.0 * math.sin(a)) for a in np.radians(angle)])
+    assert np.abs((got - angle + 180.0) % 360.0 - 180.0).max() < 0.2 * NEAR_BIN
+    exact = [(1.0, 0.0, 0.0), (0.0, 2.0, 90.0), (-1.0, 0.0, 180.0), (0.0, -0.5, 270.0)]
+    assert [bearing_deg(x, y) for x, y, _ in exact] == [want for *_, want in exact]
 
 
 @pytest.mark.parametrize("side", [0.5, 3.0, 40.0])

@@ -103,7 +103,7 @@ VARIANTS = (
     Variant("no corner completion", {}, without_completion),
     Variant("true ranges, same sectors", {}, true_ranges),
     Variant("true ranges, whole view", {}, true_view),
-    Variant("0.1 m shifts rounded", {}, as_published, LocalizerConfig(motion="rounded")),
+    Variant("0.1 m shifts, rest dropped", {}, as_published, LocalizerConfig(motion="paper")),
 )
 
 

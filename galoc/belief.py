@@ -1,9 +1,12 @@
 """Histogram filter over (x, y, heading): the paper's sequential fusion (Sec. III-E).
 
-The belief lives in the log domain on the free positions of the grid and 360 headings. Prediction shifts it by the
-odometry in whole cells and whole degrees. The paper's cells are 0.01 m, ours 0.1 m; so that this costs no motion, what
-rounding leaves over is carried to the next step per heading (``motion="carried"``). ``motion="rounded"`` drops it, as
-a plain integer shift does: it is here to show what that costs.
+The belief lives on the free positions of the grid and V headings, as probabilities that every operation renormalises.
+Prediction shifts each heading by its own whole cells and rolls the headings. The paper's cells are 0.01 m and a degree,
+ours are larger; so that this costs no motion, what rounding leaves over is carried to the next step per heading
+(``motion="carried"``). ``motion="paper"`` drops it, as a plain shift and roll do: it is here to show what that costs.
+
+Mass that motion takes out of the free space is lost and the rest renormalised: those hypotheses are impossible.
+Diffusion is the filter's own doubt and loses none: what would spread into a wall stays where it is.
 """
 
 from __future__ import annotations
@@ -11,48 +14,55 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
 from galoc.errors import GalocError
+from galoc.mass import LEAST, Mass
 from galoc.metrics import wrap_angle
 from galoc.profiles import ProfileField
 
 Array = NDArray[np.float64]
+Float32 = NDArray[np.float32]
 
 EPSILON = 0.01
-"""Keeps the logarithm finite where the score is 0 (paper epsilon)."""
-MOTIONS = ("carried", "rounded")
+"""Keeps the weight of a pose above 0 where its score is 0 (paper epsilon)."""
+MOTIONS = ("carried", "paper")
 """What becomes of the part of a motion below one cell."""
 LEAST_SPREAD = 0.4
 """Diffusion waits until it amounts to this many cells or bins (1 sd): a smaller Gaussian does not show on the grid."""
-HEADINGS = 360
-"""Heading cells, 1 degree each."""
 
 
 class Belief:
-    """Log-probability over the positions of a field and 360 headings.
+    """Probability over the positions of a field and V headings.
 
     Args:
         field: grid positions.
+        headings: V, a divisor of 360. Cell v holds the whole degrees v * 360 / V .. (v + 1) * 360 / V - 1, plus
+            :attr:`turned_deg`.
         diffusion_m: standard deviation added to the position per predicted metre, m/m (0: none, as in the paper).
         diffusion_rad: standard deviation added to the heading per step that moves or turns, rad (0: none).
-        motion: "carried" or "rounded": what becomes of the part of a motion below one cell.
+        motion: "carried" or "paper": what becomes of the part of a motion below one cell.
+        kidnapped: probability per step that the camera was put anywhere.
 
     Raises:
-        GalocError: unknown motion.
+        GalocError: unknown motion, headings that do not divide 360, kidnapped that is no probability below 1.
     """
 
     def __init__(
         self,
         field: ProfileField,
         *,
+        headings: int = 360,
         diffusion_m: float = 0.0,
         diffusion_rad: float = 0.0,
         motion: str = "carried",
+        kidnapped: float = 0.0,
     ) -> None:
         if motion not in MOTIONS:
             raise GalocError(f"motion {motion!r}", f"one of {MOTIONS}", "Use motion='carried'.")
+        self.headings = checked_headings(headings)
+        """V."""
+        self._kidnapped = checked_kidnapped(kidnapped)
         self._field = field
         self._carried = motion == "carried"
         self._diffusion_m, self._diffusion_rad = diffusion_m, diffusion_rad
@@ -60,17 +70,46 @@ class Belief:
         """(P, 2) m: grid positions."""
         self.resolution = field.resolution
         """Grid step, m."""
-        self.headings_rad = np.radians(np.arange(HEADINGS))
-        """(360,) rad: heading of each cell."""
+        self.group = 360 // self.headings
+        """Whole degrees per heading cell."""
+        self._mass = Mass(len(self.positions), self.headings)
+        self._pad = -1
         self.reset()
 
     def reset(self) -> None:
         """Uniform belief: nothing is known."""
-        self.log_p = np.zeros((len(self.positions), HEADINGS), np.float32)
-        """(P, 360) float32: log-probability up to a constant; the largest entry is 0."""
-        self._left_over = np.zeros((HEADINGS, 2))
-        self._left_over_heading = 0.0
+        self._left_over = np.zeros((self.headings, 2))
+        self._left_over_deg = 0.0
         self._gathered = np.zeros(2)  # variance that diffusion owes, cells^2 and bins^2
+        self._mass.spread_evenly()
+
+    @property
+    def size(self) -> int:
+        """Number of cells, P * V."""
+        return len(self.positions) * self.headings
+
+    @property
+    def turned_deg(self) -> int:
+        """Whole degrees, at most half a cell, by which the heading cells lie further than at the start."""
+        return round(self._left_over_deg)
+
+    @property
+    def headings_rad(self) -> Array:
+        """(V,) rad: centre of each heading cell, in whole or half degrees."""
+        return np.radians(np.arange(self.headings) * self.group + 0.5 * (self.group - 1) + self.turned_deg)
+
+    @property
+    def p(self) -> Float32:
+        """(P, V) float32 probabilities, read-only; changed by the next operation on the belief."""
+        return self._mass.array()
+
+    def set(self, p: ArrayLike) -> None:
+        """Believe something else.
+
+        Args:
+            p: (P, V) weights, 0 or more; normalised here.
+        """
+        self._mass.set(p)
 
     def predict(self, odometry: ArrayLike) -> None:
         """Shift by odometry (paper: shift and roll by Delta x, Delta y, Delta v).
@@ -81,90 +120,124 @@ class Belief:
         Raises:
             GalocError: not three finite numbers.
         """
-        move = checked_odometry(odometry)
-        c, s = np.cos(self.headings_rad), np.sin(self.headings_rad)
-        shift = np.stack([c * move[0] - s * move[1], s * move[0] + c * move[1]], axis=1) + self._left_over
+        step = checked_odometry(odometry)
+        heading = self.headings_rad + math.radians(self._left_over_deg - self.turned_deg)
+        c, s = np.cos(heading), np.sin(heading)
+        shift = np.stack([c * step[0] - s * step[1], s * step[0] + c * step[1]], axis=1) + self._left_over
         cells = np.round(shift / self.resolution)
-        turn = move[2] + self._left_over_heading
-        bins = round(math.degrees(turn) * HEADINGS / 360.0)
+        turn = math.remainder(math.degrees(step[2]) + self._left_over_deg, 360.0)
+        bins = round(turn / self.group)
         if self._carried:
             self._left_over = np.roll(shift - cells * self.resolution, bins, axis=0)
-            self._left_over_heading = turn - math.radians(bins * 360.0 / HEADINGS)
-        if cells.any() or bins:
-            floor = np.float32(self.log_p.min() + math.log(EPSILON))  # what enters from outside the free space
-            self.log_p = _shift(self.log_p, self._field.cell, self._field.index, cells.astype(np.int64), bins, floor)
-        self._diffuse(math.hypot(move[0], move[1]), moved=bool(np.any(move != 0.0)))
-        self.log_p -= self.log_p.max()
+            self._left_over_deg = turn - bins * self.group
+        if cells.any() or bins % self.headings:
+            self._move(cells, bins)
+        self._diffuse(math.hypot(step[0], step[1]), moved=bool(np.any(step != 0.0)))
+        if self._kidnapped > 0.0:
+            self._mass.mix_evenly(self._kidnapped)
+
+    def _move(self, whole: Array, bins: int) -> None:
+        # Further than the map is wide is as far as its width: out of it.
+        limit = max(self._field.index.shape) + 1
+        cells = np.clip(whole, -limit, limit).astype(np.int64)
+        self._reach(int(np.abs(cells).max()))
+        start = (np.arange(self.headings) - bins) % self.headings
+        offsets, which = np.unique(cells[start] @ np.array([1, self._stride]), return_inverse=True)
+        self._mass.move(self._at, self._index, offsets, which, start)
 
     def _diffuse(self, distance: float, *, moved: bool) -> None:
         """Spread by the odometry's noise, once enough of it has gathered that the grid can show it."""
-        self._gathered[0] += (self._diffusion_m * distance / self.resolution) ** 2
-        self._gathered[1] += math.degrees(self._diffusion_rad) ** 2 if moved else 0.0
+        spread = self._diffusion_m * distance / self.resolution
+        self._gathered[0] += spread * spread  # not ** 2, which raises where it overflows
+        self._gathered[1] += (math.degrees(self._diffusion_rad) / self.group) ** 2 if moved else 0.0
         due = self._gathered >= LEAST_SPREAD**2
-        if not due.any():
-            return
-        p = np.exp(self.log_p - self.log_p.max())
         if due[0]:
-            p = _blur_positions(p, self._field.cell, self._field.index, _kernel(math.sqrt(self._gathered[0])))
+            taps = gaussian_taps(min(math.sqrt(self._gathered[0]), max(self._field.index.shape) / 3.0))
+            self._reach(len(taps) // 2)
+            for axis in (1, self._stride):
+                self._mass.blur(self._at, self._index, axis, taps)
         if due[1]:
-            p = _blur_headings(p, _kernel(math.sqrt(self._gathered[1])))
+            self._mass.blur_headings(gaussian_taps(min(math.sqrt(self._gathered[1]), self.headings)))
         self._gathered[due] = 0.0
-        self.log_p = np.log(np.maximum(p, np.float32(1e-37)))
 
-    def add(self, log_likelihood: NDArray[np.float32], least: float = -math.inf) -> None:
-        """Fuse one observation given as log-likelihood (P, 360), up to a constant.
+    def _reach(self, cells: int) -> None:
+        """Pad the index map so that this many cells beyond a position can be looked up unchecked."""
+        if cells > self._pad:
+            self._pad = max(cells, 16)
+            padded = np.pad(self._field.index, self._pad, constant_values=-1)
+            self._stride = padded.shape[1]
+            self._index = padded.ravel()
+            self._at = (self._field.cell + self._pad) @ np.array([self._stride, 1])
+
+    def add(
+        self,
+        log_likelihood: ArrayLike,
+        least: float = LEAST,
+        *,
+        rows: NDArray[np.intp] | None = None,
+        temper: float = 1.0,
+        frame_floor: float = -math.inf,
+    ) -> None:
+        """Fuse one observation given as log-likelihood, up to a constant.
 
         Args:
-            log_likelihood: (P, 360) float32.
-            least: no cell falls further below the best one than this, nats.
+            log_likelihood: (P, V), or (R, V) with ``rows``.
+            least: no cell falls further below the best one than this, nats (at most -LEAST is kept).
+            rows: (R,) positions that were scored; the others count as at ``frame_floor``.
+            temper: weight of the observation.
+            frame_floor: the observation makes no cell less likely than this against its best one, nats (untempered).
         """
-        self.log_p += log_likelihood
-        self.log_p -= self.log_p.max()
-        if least > -math.inf:
-            np.maximum(self.log_p, np.float32(least), out=self.log_p)
+        self._mass.weigh(log_likelihood, rows, least, temper, frame_floor)
 
-    def update(self, scores: NDArray[np.float32], confidence: float) -> None:
+    def update(self, scores: ArrayLike, confidence: float) -> None:
         """Fuse one observation: log B += c log(epsilon + s) (paper Sec. III-E).
 
         Args:
-            scores: (P, 360) similarity in [0, 1].
+            scores: (P, V) similarity in [0, 1].
             confidence: weight c.
         """
-        self.add(np.float32(confidence) * np.log(np.float32(EPSILON) + scores))
+        self._mass.weigh_power(scores, EPSILON, confidence)
 
     def position_marginal(self) -> Array:
         """(P,) probability of each position, summing to 1 (the paper's heat map H)."""
-        p = np.exp(self.log_p).sum(axis=1, dtype=np.float64)
-        return np.asarray(p / p.sum())
+        return self._mass.row_sum / self._mass.total
 
     def entropy(self) -> float:
         """Entropy over all cells, nats."""
-        p = np.exp(self.log_p)
-        total = float(p.sum(dtype=np.float64))
-        return math.log(total) - float(np.sum(p * self.log_p, dtype=np.float64)) / total
+        return self._mass.entropy()
+
+    def best_rows(self, least: float) -> NDArray[np.intp]:
+        """(R,) positions whose best heading is at most this much below the best cell, nats (negative)."""
+        return np.flatnonzero(self._mass.row_best > math.exp(least) * float(self._mass.row_best.max()))
 
     def _near(self, pose: Array, radius_m: float, angle_rad: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        rows = np.flatnonzero(np.sum((self.positions - pose[:2]) ** 2, axis=1) < radius_m**2)
-        columns = np.flatnonzero(np.abs(wrap_angle(self.headings_rad - pose[2])) <= angle_rad)
-        return rows, columns
+        column, row = np.floor((pose[:2] - self._field.origin) / self.resolution).astype(int)
+        reach = math.ceil(radius_m / self.resolution) + 1
+        window = self._field.index[max(0, row - reach) : max(0, row + reach + 1)]
+        window = window[:, max(0, column - reach) : max(0, column + reach + 1)]
+        rows = window[window >= 0].astype(np.intp)
+        rows = rows[np.sum((self.positions[rows] - pose[:2]) ** 2, axis=1) < radius_m**2]
+        return rows, np.flatnonzero(np.abs(wrap_angle(self.headings_rad - pose[2])) <= angle_rad)
 
     def mass_near(self, pose: ArrayLike, radius_m: float, angle_rad: float = math.pi) -> float:
         """Probability within ``radius_m`` (m) and ``angle_rad`` (rad) of a pose (3,)."""
         rows, columns = self._near(np.asarray(pose, dtype=np.float64), radius_m, angle_rad)
-        near = np.exp(self.log_p[np.ix_(rows, columns)]).sum(dtype=np.float64)
-        return float(near / np.exp(self.log_p).sum(dtype=np.float64))
+        if len(columns) == self.headings:
+            return float(self._mass.row_sum[rows].sum()) / self._mass.total
+        return float(self._mass.cells(rows, columns).sum()) / self._mass.total
 
     def peak(self) -> Array:
         """(3,) most probable pose, placed between cells by the mass around the best cell (3 cells, 5 degrees)."""
-        p, v = np.unravel_index(int(np.argmax(self.log_p)), self.log_p.shape)
-        best = np.array([*self.positions[p], self.headings_rad[v]])
-        rows, columns = self._near(best, 3.0 * self.resolution, math.radians(5.0))
+        i, v = self._mass.best()
+        headings = self.headings_rad
+        best = np.array([*self.positions[i], headings[v]])
+        rows, columns = self._near(best, 3.0 * self.resolution, math.radians(max(5.0, self.group)) + 1e-6)
         # Only what rivals the peak places it: squaring keeps a one-sided shoulder from pulling it.
-        weight = np.exp(2.0 * self.log_p[np.ix_(rows, columns)].astype(np.float64))
+        weight = np.square(self._mass.cells(rows, columns) / float(self._mass.row_best[i]))
         weight /= weight.sum()
-        offset = wrap_angle(self.headings_rad[columns] - best[2])
+        offset = wrap_angle(headings[columns] - best[2])
         xy = weight.sum(axis=1) @ self.positions[rows] + self._left_over[v]
-        heading = best[2] + float(weight.sum(axis=0) @ offset) + self._left_over_heading
+        heading = best[2] + float(weight.sum(axis=0) @ offset) + math.radians(self._left_over_deg - self.turned_deg)
         return np.array([xy[0], xy[1], float(wrap_angle(heading))])
 
 
@@ -183,52 +256,23 @@ def checked_odometry(odometry: ArrayLike) -> Array:
     return move
 
 
-def _kernel(sd: float) -> Array:
-    """Normalised Gaussian taps at whole cells, standard deviation in cells."""
+def checked_headings(headings: object) -> int:
+    """The number of heading cells; GalocError unless it divides 360."""
+    if isinstance(headings, bool) or not isinstance(headings, int | np.integer) or headings < 1 or 360 % headings:
+        raise GalocError(f"headings = {headings!r}", "a divisor of 360: 36, 72, 120, 360, ...", "Use 72.")
+    return int(headings)
+
+
+def checked_kidnapped(kidnapped: object) -> float:
+    """The probability of being put anywhere; GalocError unless it is from 0 to below 1."""
+    number = isinstance(kidnapped, int | float | np.number) and not isinstance(kidnapped, bool)
+    if not number or not 0.0 <= kidnapped < 1.0:  # type: ignore[operator]
+        raise GalocError(f"kidnapped = {kidnapped!r}", "a probability from 0 to below 1", "Use 0, or 0.001.")
+    return float(kidnapped)  # type: ignore[arg-type]
+
+
+def gaussian_taps(sd: float) -> Float32:
+    """(2 r + 1,) float32 normalised Gaussian at whole cells, standard deviation in cells."""
     radius = max(1, math.ceil(3.0 * sd))
     taps = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sd) ** 2)
-    return np.asarray(taps / taps.sum())
-
-
-@njit(cache=True, parallel=True)
-def _shift(log_p, cell, index, cells, bins, floor):  # type: ignore[no-untyped-def]
-    """Move heading slice v by cells[v] (x, y) and to heading v + bins."""
-    n, headings = log_p.shape
-    height, width = index.shape
-    out = np.empty_like(log_p)
-    for p in prange(n):
-        for to in range(headings):
-            v = (to - bins) % headings
-            row, column = cell[p, 0] - cells[v, 1], cell[p, 1] - cells[v, 0]
-            source = -1
-            if 0 <= row < height and 0 <= column < width:
-                source = index[row, column]
-            out[p, to] = log_p[source, v] if source >= 0 else floor
-    return out
-
-
-@njit(cache=True, parallel=True)
-def _blur_axis(p, cell, index, taps, along_rows):  # type: ignore[no-untyped-def]
-    n, headings = p.shape
-    height, width = index.shape
-    radius = taps.shape[0] // 2
-    out = np.zeros_like(p)
-    for i in prange(n):
-        for k in range(-radius, radius + 1):
-            row = cell[i, 0] + (k if along_rows else 0)
-            column = cell[i, 1] + (0 if along_rows else k)
-            j = np.int64(i)  # mass that would leave the free space stays where it is
-            if 0 <= row < height and 0 <= column < width and index[row, column] >= 0:
-                j = np.int64(index[row, column])
-            for v in range(headings):
-                out[i, v] += taps[k + radius] * p[j, v]
-    return out
-
-
-def _blur_positions(p, cell, index, taps):  # type: ignore[no-untyped-def]
-    return _blur_axis(_blur_axis(p, cell, index, taps, True), cell, index, taps, False)
-
-
-def _blur_headings(p: NDArray[np.float32], taps: Array) -> NDArray[np.float32]:
-    radius = len(taps) // 2
-    return np.asarray(sum(t * np.roll(p, k - radius, axis=1) for k, t in enumerate(taps)), dtype=np.float32)
+    return np.asarray(taps / taps.sum(), dtype=np.float32)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from galoc.belief import Belief, checked_odometry
+from galoc.belief import Belief, checked_headings, checked_kidnapped, checked_odometry
 from galoc.camera import Camera, levelling
+from galoc.cells import cosine_cells, likelihood_cells
 from galoc.detect import Detector
 from galoc.errors import GalocError
 from galoc.floorplan import Floorplan
@@ -36,6 +37,8 @@ FIRST_CELLS = 64
 """Cells registered at the first view of a sequence."""
 HOPELESS = -20.0
 """A position whose best heading is this much below the best pose, nats, is scored in each ``FULL_EVERY``-th frame."""
+LIKELY_HEADINGS = 72
+"""Heading cells with scoring "likelihood"."""
 LEAST_LOG_P = -40.0
 """The belief keeps this much of every pose, nats below the best: what was ruled out by mistake can come back."""
 LISTED_SHARE, FULL_EVERY = 0.3, 5
@@ -78,7 +81,12 @@ class LocalizerConfig:
     diffusion_rad: float | None = None
     """Heading diffusion of the filter per moving step, rad. None: 0 ("cosine") or ``odometry_turn_deg``."""
     motion: str = "carried"
-    """What the filter does with the part of a motion below one cell: "carried" or "rounded" (see galoc.belief)."""
+    """What the filter does with the part of a motion below one cell: "carried" or "paper" (see galoc.belief)."""
+    headings: int | None = None
+    """Heading cells of the filter, a divisor of 360. None: 360 ("cosine", as the paper) or 72 ("likelihood", which
+    averages over the degrees of a cell)."""
+    kidnapped: float = 0.0
+    """Probability per step that the camera was put anywhere."""
 
     def __post_init__(self) -> None:
         """Refuse what is no number of the right kind (heights are checked where they are used)."""
@@ -93,6 +101,9 @@ class LocalizerConfig:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < math.inf:
                 raise GalocError(f"{name} = {value!r}", "a finite number, 0 or more", "Fix the LocalizerConfig.")
+        checked_kidnapped(self.kidnapped)
+        if self.headings is not None:
+            checked_headings(self.headings)
 
     def prior(self, plan: Floorplan) -> Heights:
         """What is known of the heights before the first image."""
@@ -137,14 +148,26 @@ class Localizer:
         # Registration compares each wall with the map itself: a prior on directions would use that twice.
         self._on_grid = geometry == "ml" and not likely and manhattan(plan.segments)[0] >= GRID_SHARE
         spread = (config.odometry_noise, math.radians(config.odometry_turn_deg)) if likely else (0.0, 0.0)
-        given = (config.diffusion_m, config.diffusion_rad)
-        diffusion = [s if g is None else g for g, s in zip(given, spread, strict=True)]
-        self.belief = Belief(self.field, diffusion_m=diffusion[0], diffusion_rad=diffusion[1], motion=config.motion)
+        self.belief = self._belief(*spread)
         self._frames = 0
         self._heights = config.prior(plan)
         self.likelihood = Likelihood(self.field) if likely else None
         """The map as scoring "likelihood" sees it; None with "cosine"."""
         self._tracker = Tracker(self.likelihood, self._heights, *spread) if self.likelihood is not None else None
+
+    def _belief(self, noise: float, turn_rad: float) -> Belief:
+        config, likely = self.config, self.scoring == "likelihood"
+        headings = config.headings or (LIKELY_HEADINGS if likely else 360)
+        # What moves along a cell's middle fans out by the width of the cell (uniform, half of it along each axis).
+        noise = math.hypot(noise, math.tau / headings / math.sqrt(24.0)) if likely else noise
+        return Belief(
+            self.field,
+            headings=headings,
+            diffusion_m=noise if config.diffusion_m is None else config.diffusion_m,
+            diffusion_rad=turn_rad if config.diffusion_rad is None else config.diffusion_rad,
+            motion=config.motion,
+            kidnapped=config.kidnapped,
+        )
 
     def reset(self) -> None:
         """Forget the sequence: the belief becomes uniform, learned heights are dropped."""
@@ -245,7 +268,7 @@ class Localizer:
         if self._tracker is not None and self.likelihood is not None:
             return self._fuse_by_likelihood(self.likelihood, self._tracker, rays, move, layout)
         if seen:
-            self.belief.update(score_volume(self.field.ranges, rays), confidence(rays))
+            self.belief.update(cosine_cells(self.field, rays, self.belief), confidence(rays))
         return self._report(self.belief.peak(), not seen, rays, layout)
 
     def _fuse_by_likelihood(
@@ -273,16 +296,11 @@ class Localizer:
     def _add_frame(self, likelihood: Likelihood, seen: Observation) -> None:
         """Score one frame and fuse it; hopeless positions are looked at only now and then."""
         self._frames += 1
-        best = self.belief.log_p.max(axis=1)
-        rows = np.flatnonzero(best > HOPELESS)
-        if len(rows) > LISTED_SHARE * len(best) or self._frames % FULL_EVERY == 0:
-            found = volume = likelihood.volume(seen)
-        else:
-            found = likelihood.volume(seen, rows=rows)
-            volume = np.full(self.belief.log_p.shape, -np.inf, np.float32)
-            volume[rows] = found
-        volume = np.maximum(volume - found.max(), np.float32(FRAME_FLOOR))
-        self.belief.add(np.float32(FRAME_TEMPER) * volume, least=LEAST_LOG_P)
+        listed = self.belief.best_rows(HOPELESS)
+        everywhere = len(listed) > LISTED_SHARE * len(self.field.positions) or self._frames % FULL_EVERY == 0
+        rows = None if everywhere else listed
+        found = likelihood_cells(likelihood, seen, self.belief, rows)
+        self.belief.add(found, LEAST_LOG_P, rows=rows, temper=FRAME_TEMPER, frame_floor=FRAME_FLOOR)
 
     def _leads(self, peak: NDArray[np.float64], tracked: NDArray[np.float64]) -> bool:
         """Whether the belief has come to prefer another place than the tracked one."""
@@ -303,7 +321,7 @@ class Localizer:
         """The estimate at a pose under the present belief."""
         entropy = self.belief.entropy()
         # Before the first fix a blind frame leaves the belief uniform: there is nothing to report.
-        if entropy >= math.log(self.belief.log_p.size) - 1e-6:
+        if entropy >= math.log(self.belief.size) - 1e-6:
             return Estimate(np.full(3, np.nan), 0.0, abstained, rays=rays, layout=layout, entropy=entropy)
         mass = self.belief.mass_near(pose, NEAR_M)
         if self.likelihood is not None:

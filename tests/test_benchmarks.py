@@ -18,6 +18,9 @@ TINY = {
     "sequences": ["--plans", "1", "--steps", "12", "--conditions", "2%", "--jobs", "1"],
     "geometry": ["--frames", "12"],
     "layouts": ["--plans", "1", "--frames", "3"],
+    "matching": ["--plans", "apartment", "--frames", "4", "--resolution", "0.05", "--steps", "0.1"],
+    "startup": ["--plans", "apartment", "--runs", "1"],
+    "filter": ["--plans", "apartment", "--walks", "1", "--steps", "3", "--particles", "300"],
 }
 ROWS = {"single_image": "frames", "sequences": "walks"}
 
@@ -41,6 +44,45 @@ def test_tiny_run_of_the_layout_benchmarks(script: str, repo: Path, tmp_path: Pa
     text = (tmp_path / "tiny.json").read_text()
     assert "Infinity" not in text and "NaN" not in text and json.loads(text)
     assert "paper" in done.stdout and "ml" in done.stdout
+
+
+def test_tiny_run_of_the_filter_benchmark(repo: Path, tmp_path: Path) -> None:
+    done = run(repo, "filter", tmp_path / "tiny")
+    assert done.returncode == 0, done.stderr
+    (plan,) = json.loads((tmp_path / "tiny.json").read_text())["plans"]
+    assert (tmp_path / "tiny.png").read_bytes().startswith(b"\x89PNG")
+    for name, found in plan["methods"].items():
+        assert name in done.stdout
+        assert found["ms"]["mean"] == pytest.approx(sum(mean for _, mean in found["parts_ms"].values()))
+        assert 0.0 <= found["success"] <= 1.0
+    assert plan["methods"]["plain, 36 headings"]["ratio"] == 1.0
+
+
+def test_tiny_run_of_the_matching_benchmark(repo: Path, tmp_path: Path) -> None:
+    done = run(repo, "matching", tmp_path / "tiny")
+    assert done.returncode == 0, done.stderr
+    text = (tmp_path / "tiny.json").read_text()
+    assert "Infinity" not in text and "NaN" not in text
+    assert (tmp_path / "tiny.png").read_bytes().startswith(b"\x89PNG")
+    rows = json.loads(text)["summary"]
+    assert [(r["step"], r["scoring"]) for r in rows] == [
+        (step, scoring) for step in (0.05, 0.1) for scoring in ("cosine", "likelihood")
+    ]
+    for row in rows:
+        assert row["whole"] and row["scoring"] in done.stdout
+        assert row["frames"] == row["equal"] == row["certified"] == 4  # every pose scored, none better
+        assert row["ratio"]["worst"] <= row["ratio"]["median"]
+
+
+def test_tiny_run_of_the_startup_benchmark(repo: Path, tmp_path: Path) -> None:
+    done = run(repo, "startup", tmp_path / "tiny")
+    assert done.returncode == 0, done.stderr
+    (child,) = json.loads((tmp_path / "tiny.json").read_text())["runs"]["apartment"]
+    stages = list(child["stages"].values())
+    assert min(stages) > 0.0 and child["to_pose"] == pytest.approx(sum(stages[:5]))
+    assert len(child["pose"]) == 3 and child["kernels"] > 0
+    for stage in child["stages"]:
+        assert stage in done.stdout
 
 
 @pytest.mark.parametrize("script", list(ROWS))
@@ -86,6 +128,9 @@ def _check(script: str, result: dict[str, Any]) -> None:
         ("single_image", ["--frames", "0"]),
         ("sequences", ["--steps", "3"]),
         ("sequences", ["--conditions", "windy"]),
+        ("filter", ["--walks", "0"]),
+        ("matching", ["--frames", "0"]),
+        ("startup", ["--runs", "0"]),
     ],
 )
 def test_bad_flags_are_named(script: str, flags: list[str], repo: Path, tmp_path: Path) -> None:

@@ -73,7 +73,7 @@ def test_sequence_converges_and_knows_it(localizer: Localizer) -> None:
     error_m, error_rad = pose_error(estimate.pose, pose)
     assert error_m < 0.3 and error_rad < math.radians(3.0)
     assert confidence[-1] > 3.0 * confidence[0]  # the cosine is a blunt likelihood: it grows, slowly
-    assert estimate.entropy < math.log(localizer.belief.log_p.size) - 3.0
+    assert estimate.entropy < math.log(localizer.belief.size) - 3.0
 
 
 def test_image_route_equals_wireframe_route() -> None:
@@ -110,9 +110,9 @@ def test_blind_frames_fall_back_to_odometry(localizer: Localizer) -> None:
 
 def test_locate_leaves_the_belief_alone(localizer: Localizer) -> None:
     localizer.reset()
-    before = localizer.belief.log_p.copy()
+    before = localizer.belief.p.copy()
     localizer.locate(visible_wireframe(PLAN, CAMERA, walk(0)[0][0], 1.4), (0.0, 0.0))
-    np.testing.assert_array_equal(localizer.belief.log_p, before)
+    np.testing.assert_array_equal(localizer.belief.p, before)
 
 
 def test_candidates_are_sorted(localizer: Localizer) -> None:
@@ -199,7 +199,7 @@ def test_same_input_same_bytes(likely: Localizer) -> None:
             alone = likely.locate(wireframe, (0.0, 0.01))
             out += [estimate.pose.tobytes(), alone.pose.tobytes(), alone.candidates.tobytes()]
             out.append(np.float64([estimate.confidence, alone.confidence, estimate.entropy]).tobytes())
-        return [*out, likely.belief.log_p.tobytes()]
+        return [*out, likely.belief.p.tobytes()]
 
     assert run() == run()
 
@@ -262,6 +262,26 @@ def test_rays_alone_can_be_fused(likely: Localizer) -> None:
 def test_config_refuses_what_is_no_number(name: str, value: object) -> None:
     with pytest.raises(GalocError, match=name):
         LocalizerConfig(**{name: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("name", "value"), [("headings", 50), ("headings", 72.0), ("kidnapped", 1.0)])
+def test_config_refuses_headings_that_do_not_divide_the_circle(name: str, value: Any) -> None:
+    with pytest.raises(GalocError, match=name):
+        LocalizerConfig(**{name: value})
+
+
+def test_headings_fit_the_scoring(localizer: Localizer, likely: Localizer) -> None:
+    assert localizer.belief.headings == 360 and likely.belief.headings == 72
+    both = [Localizer(PLAN, CAMERA, scoring=s, config=LocalizerConfig(headings=36)) for s in ("cosine", "likelihood")]
+    rng = np.random.default_rng(8)
+    for pose, odometry in walk(11):
+        wireframe = perturb(visible_wireframe(PLAN, CAMERA, pose, 1.4), CAMERA, 2.0, rng)
+        for coarse in both:
+            coarse.step(wireframe, (0.0, 0.0), odometry)
+    for coarse in both:
+        assert coarse.belief.p.shape[1] == 36
+        error_m, error_rad = pose_error(coarse.belief.peak(), pose)
+        assert error_m < 0.5 and error_rad < math.radians(10.0)  # a cell
 
 
 def test_estimates_below_the_wanted_confidence_count_as_abstained() -> None:

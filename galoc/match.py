@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from galoc._peaks_kernel import apart, heading_peaks
 from galoc.metrics import wrap_angle
 from galoc.profiles import ProfileField
 from galoc.score import score_volume
@@ -21,6 +22,8 @@ APART_M = 0.45
 """Candidates closer than this in position and APART_RAD in heading are one, m."""
 APART_RAD = math.radians(12.0)
 """See APART_M."""
+MOST_CELLS = 20_000
+"""Cells among which distinct ones are chosen."""
 MIN_RANGE = 0.1
 """A refined pose keeps at least this distance to every wall, m."""
 
@@ -54,30 +57,19 @@ def search(field: ProfileField, rays: Rays, *, count: int = 32, volume: NDArray[
 
 
 def distinct_peaks(field: ProfileField, volume: NDArray[np.float32], count: int) -> Array:
-    """(C, 4) best cells of a (P, V) volume, greedily kept apart; V headings evenly over the circle."""
-    per_position = volume.max(axis=1)
-    heading_step = 2 * math.pi / volume.shape[1]
-    # A position can hold several headings, so look at more than ``count`` of the best positions and all their cells.
-    pool = np.argsort(-per_position, kind="stable")[: max(4000, 50 * count)]
-    flat = volume[pool].ravel()
-    keep = min(len(flat), 20000)
+    """(C, 4) best cells of a (P, V) volume, greedily kept apart; V headings evenly over the circle.
+
+    Only cells that are peaks over heading are looked at: a shoulder of a peak is no place of its own.
+    """
+    score, heading = heading_peaks(volume)
+    flat = score.ravel()
+    keep = min(int(np.count_nonzero(np.isfinite(flat))), MOST_CELLS)
     best = np.argpartition(-flat, keep - 1)[:keep]
     best = best[np.lexsort((best, -flat[best]))]
-    poses = np.empty((keep, 4))
-    poses[:, :2] = field.positions[pool[best // volume.shape[1]]]
-    poses[:, 2] = wrap_angle((best % volume.shape[1]) * heading_step)
-    poses[:, 3] = flat[best]
-    chosen: list[int] = []
-    alive = np.ones(keep, dtype=bool)
-    for i in range(keep):
-        if not alive[i]:
-            continue
-        chosen.append(i)
-        if len(chosen) == count:
-            break
-        near = np.hypot(*(poses[:, :2] - poses[i, :2]).T) < APART_M
-        alive &= ~(near & (np.abs(wrap_angle(poses[:, 2] - poses[i, 2])) < APART_RAD))
-    return poses[chosen]
+    xy = field.positions[best // score.shape[1]]
+    angle = wrap_angle(heading.ravel()[best] * (2 * math.pi / volume.shape[1]))
+    chosen = apart(xy[:, 0], xy[:, 1], angle, count, APART_M, APART_RAD)
+    return np.column_stack([xy[chosen], angle[chosen], flat[best[chosen]]])
 
 
 def refine(field: ProfileField, rays: Rays, cells: ArrayLike) -> Array:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
+from galoc._correlation import LANES
+from galoc._dense_kernel import all_headings, every_kth_heading, some_headings
+from galoc.errors import GalocError
 from galoc.types import Rays
 
 Array = NDArray[np.float64]
+Float32 = NDArray[np.float32]
 
 GAMMA = 10.0
 """Sharpening exponent of the similarity (paper Eq. masked-cos)."""
@@ -23,10 +28,39 @@ def confidence(rays: Rays) -> float:
     return max(CONFIDENCE_FLOOR, rays.coverage**2)
 
 
-def known_runs(rays: Rays) -> NDArray[np.int64]:
-    """(R, 2) start and stop of each run of consecutive known rays."""
-    edge = np.diff(np.concatenate([[0], rays.known.astype(np.int8), [0]]))
-    return np.stack([np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)], axis=1).astype(np.int64)
+@dataclass(frozen=True, slots=True, eq=False)
+class UnitRays:
+    """Rays from the first known to the last, scaled to unit norm, padded to a multiple of LANES: what kernels take."""
+
+    seen: Array
+    """(n,) float64 ranges of unit norm, 0 where unknown: sums of float32 stay well conditioned at any layout scale."""
+    known: Float32
+    """(n,) 0 or 1."""
+    runs: NDArray[np.int64]
+    """(R, 2) start and stop of each run of known rays."""
+    start: int
+    """Bearing of the first relative to the heading, degrees, 0..359."""
+    norm: float
+    """Of the ranges, in the scale of the layout."""
+
+    @classmethod
+    def of(cls, rays: Rays) -> UnitRays:
+        """Those of an observation.
+
+        Raises:
+            GalocError: no known ray.
+        """
+        if not rays.known.any():
+            raise GalocError("an observation without a known ray", "at least one", "Check rays.known first: abstain.")
+        edge = np.diff(np.concatenate([[0], rays.known.astype(np.int8), [0]]))
+        runs = np.stack([np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)], axis=1).astype(np.int64)
+        first, last = int(runs[0, 0]), int(runs[-1, 1])
+        ranges, known = (np.zeros(last - first + (first - last) % LANES) for _ in range(2))
+        ranges[: last - first] = np.where(rays.known, rays.range, 0.0)[first:last]
+        known[: last - first] = rays.known[first:last]
+        norm = float(np.linalg.norm(ranges))
+        start = (first - (len(rays.known) - 1) // 2) % 360
+        return cls(ranges / norm, known.astype(np.float32), runs - first, start, norm)
 
 
 def cosine(profile: Array, rays: Rays, heading_deg: int) -> float:
@@ -45,13 +79,13 @@ def cosine(profile: Array, rays: Rays, heading_deg: int) -> float:
     return max(0.0, float(similarity)) ** GAMMA
 
 
-def score_volume(profiles: NDArray[np.float32], rays: Rays, headings_deg: NDArray[np.int64] | None = None) -> NDArray:
+def score_volume(profiles: Float32, rays: Rays, headings_deg: NDArray[np.int64] | None = None) -> Float32:
     """Similarity of every position and heading (paper Eq. masked-cos).
 
     Args:
         profiles: (P, 360) float32, m.
         rays: the observation; with no known ray every score is 0.
-        headings_deg: (V,) whole degrees; None: 0..359.
+        headings_deg: (V,) whole degrees; None: 0..359. Evenly spread over the circle they cost least.
 
     Returns:
         (P, V) float32 in [0, 1].
@@ -59,34 +93,17 @@ def score_volume(profiles: NDArray[np.float32], rays: Rays, headings_deg: NDArra
     headings = np.arange(360, dtype=np.int64) if headings_deg is None else np.asarray(headings_deg, dtype=np.int64)
     if not rays.known.any():
         return np.zeros((len(profiles), len(headings)), np.float32)
-    obs = np.where(rays.known, rays.range, 0.0)
-    obs /= np.linalg.norm(obs)  # scale-free: keeps float32 sums well conditioned at any layout scale
-    return _volume(profiles, obs.astype(np.float32), known_runs(rays), headings % 360)
-
-
-@njit(cache=True, parallel=True, fastmath=True)
-def _volume(profiles, obs, runs, headings):  # type: ignore[no-untyped-def]
-    count, n = profiles.shape[0], obs.shape[0]
-    out = np.empty((count, headings.shape[0]), np.float32)
-    first = (n - 1) // 2
-    for p in prange(count):
-        # Unrolled so that the bins of one heading are contiguous: w[v + i] = profile[(v + i - first) mod 360].
-        w = np.empty(360 + n, np.float32)
-        for j in range(360 + n):
-            w[j] = profiles[p, (j - first + 360) % 360]
-        for h in range(headings.shape[0]):
-            v = headings[h]
-            dot = np.float32(0.0)
-            energy = np.float32(0.0)
-            for r in range(runs.shape[0]):
-                # Slices start at 0, which frees the inner loop of index checks: 10x by vectorization.
-                seen = obs[runs[r, 0] : runs[r, 1]]
-                wall = w[v + runs[r, 0] : v + runs[r, 1]]
-                for i in range(seen.shape[0]):
-                    dot += seen[i] * wall[i]
-                    energy += wall[i] * wall[i]
-            s = max(np.float32(0.0), dot / (np.sqrt(energy) + np.float32(1e-6)))
-            s2 = s * s
-            s4 = s2 * s2
-            out[p, h] = s4 * s4 * s2
-    return out
+    unit = UnitRays.of(rays)
+    seen, rows = unit.seen.astype(np.float32), np.arange(len(profiles))
+    step = 360 // max(len(headings), 1)
+    if len(headings) == 0 or 360 % len(headings) or np.any(np.diff(headings) != step):
+        volume = some_headings(profiles, seen, unit.known, unit.start, headings % 360)
+    elif step == 1 and headings[0] == 0:
+        volume = all_headings(profiles, rows, seen, unit.start, unit.runs)
+    else:
+        on = np.flatnonzero(unit.known)
+        volume = every_kth_heading(profiles, step, int(headings[0]) % 360, (unit.start + on) % 360, seen[on])
+    np.maximum(volume, np.float32(0.0), out=volume)
+    square = volume * volume
+    volume[:] = square * square
+    return np.asarray(volume * volume * square)

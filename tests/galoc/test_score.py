@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from galoc import Rays
-from galoc.score import CONFIDENCE_FLOOR, confidence, cosine, known_runs, score_volume
+from galoc.score import CONFIDENCE_FLOOR, UnitRays, confidence, cosine, score_volume
 
 PROFILES = np.random.default_rng(0).uniform(0.3, 12.0, (7, 360)).astype(np.float32)
 
@@ -30,8 +30,9 @@ def test_kernel_equals_the_formula(n: int, share: float) -> None:
 def test_headings_pick_columns_and_wrap() -> None:
     seen = rays(3)
     headings = np.array([-3, 0, 359, 362, 90])
+    # Another order of the float32 sums, to the power 10.
     np.testing.assert_allclose(
-        score_volume(PROFILES, seen, headings), score_volume(PROFILES, seen)[:, headings % 360], rtol=1e-6
+        score_volume(PROFILES, seen, headings), score_volume(PROFILES, seen)[:, headings % 360], rtol=1e-5
     )
 
 
@@ -75,10 +76,28 @@ def test_confidence_is_the_squared_share_of_known_rays() -> None:
     assert confidence(Rays(np.ones(100), known, np.ones(100))) == pytest.approx(0.36)
 
 
-def test_runs_cover_the_known_rays() -> None:
+def test_unit_rays_hold_the_known_rays_and_no_other() -> None:
     seen = rays(9)
-    covered = np.zeros(109, int)
-    for start, stop in known_runs(seen):
+    unit = UnitRays.of(seen)
+    first = int(np.argmax(seen.known))
+    covered = np.zeros(len(unit.seen), int)
+    for start, stop in unit.runs:
         assert start < stop
         covered[start:stop] += 1
-    assert covered.tolist() == seen.known.astype(int).tolist()
+    assert covered.tolist() == unit.known.astype(int).tolist()
+    at = np.flatnonzero(covered) + first
+    assert at.tolist() == np.flatnonzero(seen.known).tolist()
+    np.testing.assert_allclose(unit.seen[at - first] * unit.norm, seen.range[at], rtol=1e-12)
+    assert np.linalg.norm(unit.seen) == pytest.approx(1.0, abs=1e-12)
+    assert unit.start == (first - 54) % 360
+
+
+@pytest.mark.parametrize(
+    "headings", [np.arange(36) * 10 + 4, np.arange(72) * 5, np.arange(360) + 7, np.array([3, 350])]
+)
+def test_every_choice_of_headings_gives_the_same_scores(headings: np.ndarray) -> None:
+    profiles = np.exp(np.random.default_rng(3).normal(0.5, 0.8, (70, 360))).astype(np.float32)
+    seen = rays(9)
+    full = score_volume(profiles, seen)
+    # 1e-5: ten times the rounding of a float32 cosine, since the score is its tenth power.
+    np.testing.assert_allclose(score_volume(profiles, seen, headings), full[:, headings % 360], atol=1e-5)

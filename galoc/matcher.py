@@ -1,0 +1,259 @@
+"""SE(2) search, exact: the best poses of the 0.01 m x 1 degree lattice by branch and bound over a pyramid of boxes."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from galoc._peaks_kernel import apart
+from galoc._pyramid_kernel import LEAVES
+from galoc.bound import Bound, CosineBound
+from galoc.climb import Scored, climb
+from galoc.descent import Remainder, descend
+from galoc.errors import GalocError
+from galoc.fine import LeafProfiles
+from galoc.floorplan import Floorplan
+from galoc.likelihood_bound import LikelihoodBound
+from galoc.metrics import wrap_angle
+from galoc.observation import Observation
+from galoc.profiles import Caster
+from galoc.pyramid import Pyramid, build_pyramid
+from galoc.types import Rays
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int64]
+Headings = NDArray[np.int16]
+Float32 = NDArray[np.float32]
+
+SEEDS = 16
+"""Local searches that find a good score to beat."""
+LEAF_MEMORY = 1 << 30
+"""Memory for profiles of leaves, bytes."""
+MOST_POSES = 5_000_000
+"""Most poses that are listed."""
+TIES = 64
+"""Poses compared in float64 to find the best one."""
+DENSE_PART = 20_000
+"""Positions whose headings are all listed at once."""
+APART_M, APART_RAD = 0.45, math.radians(12.0)
+"""Poses closer than both count as one place."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """Result of a search."""
+
+    poses: Array
+    """(K, 3): x, y (m), heading (rad), best first."""
+    scores: Float32
+    """(K,) their scores (see galoc.bound)."""
+    certified: bool
+    """No pose of the lattice that belongs here is missing, up to the rounding of float32."""
+    gap: float
+    """How much better than ``scores[0]`` a pose that was not looked at can be; 0 when certified."""
+    boxes: int
+    """Boxes tested."""
+    scored: int
+    """Poses scored."""
+
+
+class Matcher:
+    """Exact search over one plan.
+
+    Args:
+        plan: the map.
+        resolution: step of the positions, m.
+        leaf_memory: bytes for single profiles.
+    """
+
+    def __init__(self, plan: Floorplan, resolution: float = 0.01, *, leaf_memory: int = LEAF_MEMORY) -> None:
+        self.plan, self.resolution = plan, resolution
+        self._caster = Caster(plan)
+        self._memory = leaf_memory
+        self._pyramids: dict[bool, Pyramid] = {}
+        self._leaves: LeafProfiles | None = None
+
+    def pyramid(self, log: bool = False) -> Pyramid:
+        """The boxes of ranges or log ranges; built, or loaded from the disk cache, when first needed."""
+        if log not in self._pyramids:
+            self._pyramids[log] = build_pyramid(self.plan, self.resolution, log=log)
+        return self._pyramids[log]
+
+    def _part(self, log: bool) -> tuple[Pyramid, LeafProfiles]:
+        pyramid = self.pyramid(log)
+        if self._leaves is None:
+            self._leaves = LeafProfiles(pyramid.grid, self._caster, self._memory)
+        return pyramid, self._leaves
+
+    def _bound(self, seen: Rays | Observation | Bound) -> Bound:
+        if isinstance(seen, Rays):
+            return CosineBound(seen)
+        return LikelihoodBound(seen, self.resolution) if isinstance(seen, Observation) else seen
+
+    def argmax(self, seen: Rays | Observation | Bound, *, seconds: float = math.inf) -> Found:
+        """The best pose of the lattice.
+
+        Args:
+            seen: the observation; rays are scored by the cosine (paper), an observation by the likelihood.
+            seconds: stop after about this time: what was found by then is not certified, and says how far off it can
+                be. For large plans whose profiles have not been cast yet.
+        """
+        bound = self._bound(seen)
+        pyramid, profiles = self._part(bound.log)
+        end = time.monotonic() + seconds
+        best = _best(climb(bound, pyramid, profiles, SEEDS), bound.tie)
+        scored, gap = 0, 0.0
+        left = Remainder.nothing()
+        if best[2].max() < bound.most - bound.tie:  # otherwise no pose can be better
+            left = descend(bound, pyramid, profiles, float(best[2].max()), limits=math.isfinite(seconds))
+        for part in left.in_order():
+            if time.monotonic() > end:
+                gap = max(gap, part.limit - float(best[2].max()))
+            elif part.limit >= best[2].max():
+                for found in self._score(bound, pyramid, profiles, part, every=False):
+                    best, scored = _best(_joined([best, found]), bound.tie), scored + len(found[0])
+        exact = bound.exact(profiles.rows[profiles.fetch(best[0])], best[1])
+        first = int(np.lexsort((best[1], best[0], -exact))[0])
+        one = (best[0][first : first + 1], best[1][first : first + 1], exact[first : first + 1].astype(np.float32))
+        return self._found(pyramid, one, left.boxes, scored, gap)
+
+    def above(self, seen: Rays | Observation | Bound, score: float, *, most: int = MOST_POSES) -> Found:
+        """All poses of at least this score, best first.
+
+        Args:
+            seen: the observation.
+            score: threshold.
+            most: poses to list at most. Where there are more, the best of them are listed, which is not certified.
+        """
+        bound = self._bound(seen)
+        pyramid, profiles = self._part(bound.log)
+        left = descend(bound, pyramid, profiles, score)
+        kept, scored, cut = _joined([]), 0, False
+        for found in self._score(bound, pyramid, profiles, left, every=True):
+            good = found[2] >= score
+            kept, scored = _joined([kept, (found[0][good], found[1][good], found[2][good])]), scored + len(found[0])
+            if len(kept[0]) > most:
+                kept, cut = _sorted(kept, most), True
+        return self._found(pyramid, _sorted(kept, most), left.boxes, scored, math.inf if cut else 0.0)
+
+    def topk(
+        self, seen: Rays | Observation | Bound, count: int, *, apart_m: float = APART_M, apart_rad: float = APART_RAD
+    ) -> Found:
+        """The best distinct poses: the best one, then the best one that is apart from it, and so on.
+
+        Args:
+            seen: the observation.
+            count: how many; fewer where the plan does not hold as many.
+            apart_m: poses nearer than this ...
+            apart_rad: ... and turned by less than this from a better one do not count.
+        """
+        if count < 1:
+            raise GalocError(f"count = {count}", "1 or more", "Ask for at least one pose.")
+        bound = self._bound(seen)
+        pyramid, profiles = self._part(bound.log)
+        rough = _sorted(climb(bound, pyramid, profiles, max(SEEDS, 4 * count)))
+        places = _apart(_poses(pyramid, rough), count, apart_m, apart_rad)
+        # The same pose may score a rounding less when all of its block is scored at once.
+        score = float(rough[2][places].min()) - 2.0 * bound.tie
+        boxes, scored = 0, 0
+        while True:
+            found = self.above(bound, score)
+            boxes, scored = boxes + found.boxes, scored + found.scored
+            chosen = _apart(found.poses, count, apart_m, apart_rad)
+            if len(chosen) == count or not found.certified or score <= bound.least:
+                break
+            # The seeds' places were apart from each other, but not all from the better ones: look lower.
+            score = max(bound.least, score - max(0.5 * (float(rough[2].max()) - score), 1e-3))
+        return Found(found.poses[chosen], found.scores[chosen], found.certified, found.gap, boxes, scored)
+
+    def rank(self, seen: Rays | Observation | Bound, xy: ArrayLike) -> float:
+        """Share of the positions whose best heading scores above that of (x, y), 0 (best) to 1 (paper, Sec. IV).
+
+        Args:
+            seen: the observation.
+            xy: (2,) m, the truth.
+        """
+        bound = self._bound(seen)
+        pyramid, profiles = self._part(bound.log)
+        truth = float(bound.dense(self._caster(xy), np.zeros(1, np.int64))[0][0])
+        left = descend(bound, pyramid, profiles, truth)
+        better = np.zeros(len(pyramid.mask) * LEAVES, bool)
+        for leaf, _, score in self._score(bound, pyramid, profiles, left, every=False):
+            better[leaf[score > truth]] = True
+        return float(np.count_nonzero(better)) / max(pyramid.positions, 1)
+
+    def heat_map(self, seen: Rays | Observation | Bound, stride: int = 10) -> tuple[Array, Float32, Array]:
+        """Best score over all headings on every ``stride``-th row and column of the lattice.
+
+        Args:
+            seen: the observation.
+            stride: lattice steps.
+
+        Returns:
+            (P, 2) positions, m; (P,) scores; (P,) headings they are at, rad.
+        """
+        if stride < 1:
+            raise GalocError(f"stride {stride}", "1 or more", "Use 10 for a map in steps of 0.1 m.")
+        bound = self._bound(seen)
+        pyramid, profiles = self._part(bound.log)
+        leaf = pyramid.leaves()
+        leaf = leaf[np.all(pyramid.grid.cells(leaf) % stride == stride // 2, axis=1)]
+        score, heading = np.empty(len(leaf), np.float32), np.empty(len(leaf), np.int16)
+        for which, rows in profiles.batches(leaf):
+            score[which], heading[which] = bound.dense(profiles.rows, rows)
+        return pyramid.grid.positions(leaf), score, wrap_angle(np.radians(heading, dtype=np.float64))
+
+    def _score(
+        self, bound: Bound, pyramid: Pyramid, profiles: LeafProfiles, left: Remainder, *, every: bool
+    ) -> Iterator[Scored]:
+        """Scores of what the boxes left; of densely scored positions the best heading, or ``every`` one."""
+        for which, rows in profiles.batches(left.leaves):
+            yield left.leaves[which], left.headings[which], bound.leaves(profiles.rows, rows, left.headings[which])
+        leaves = (left.blocks[:, None] * LEAVES + np.arange(LEAVES)).ravel()
+        leaves = leaves[pyramid.is_clear(leaves)]
+        for which, rows in profiles.batches(leaves):
+            if not every:
+                score, heading = bound.dense(profiles.rows, rows)
+                yield leaves[which], heading, score
+                continue
+            for part in range(0, len(rows), DENSE_PART):
+                volume = bound.volume(profiles.rows, rows[part : part + DENSE_PART])
+                heading = np.tile(np.arange(360, dtype=np.int16), len(volume))
+                yield np.repeat(leaves[which[part : part + DENSE_PART]], 360), heading, volume.ravel()
+
+    def _found(self, pyramid: Pyramid, poses: Scored, boxes: int, scored: int, gap: float) -> Found:
+        return Found(_poses(pyramid, poses), poses[2], gap == 0.0, gap, boxes, scored)
+
+
+def _poses(pyramid: Pyramid, poses: Scored) -> Array:
+    return np.column_stack([pyramid.grid.positions(poses[0]), wrap_angle(np.radians(poses[1], dtype=np.float64))])
+
+
+def _joined(parts: list[Scored]) -> Scored:
+    none: Scored = (np.zeros(0, np.int64), np.zeros(0, np.int16), np.zeros(0, np.float32))
+    leaf, heading, score = (np.concatenate(p) for p in zip(none, *parts, strict=True))
+    return leaf, heading, score
+
+
+def _best(poses: Scored, tie: float) -> Scored:
+    """The best pose, and those that may be it: equal up to rounding, the first ``TIES`` of them."""
+    near = np.flatnonzero(poses[2] >= poses[2].max() - np.float32(tie))
+    near = near[np.argsort(-poses[2][near], kind="stable")[:TIES]]
+    return poses[0][near], poses[1][near], poses[2][near]
+
+
+def _sorted(poses: Scored, most: int | None = None) -> Scored:
+    """Best first; equal ones by place, so that the order does not depend on how they were found."""
+    order = np.lexsort((poses[1], poses[0], -poses[2]))[:most]
+    return poses[0][order], poses[1][order], poses[2][order]
+
+
+def _apart(poses: Array, count: int, apart_m: float, apart_rad: float) -> Int:
+    """Poses (N, 3), best first: those that are apart from every better one chosen."""
+    x, y, heading = np.ascontiguousarray(poses.T)
+    return np.asarray(apart(x, y, heading, count, apart_m, apart_rad))

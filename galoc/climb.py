@@ -29,21 +29,21 @@ def climb(bound: Bound, pyramid: Pyramid, profiles: LeafProfiles, seeds: int) ->
         profiles: of the leaves.
         seeds: how many to start from.
     """
-    tried = np.flatnonzero(pyramid.seeds >= 0)
-    score, heading = bound.dense(pyramid.seed_profiles, tried)
+    usable = np.flatnonzero(pyramid.seeds >= 0)
+    score, heading = bound.dense(pyramid.seed_profiles, usable)
     top = np.argsort(-score, kind="stable")[:seeds]
-    leaf, heading, score = pyramid.seeds[tried[top]], heading[top], score[top]
+    leaf, heading, score = pyramid.seeds[usable[top]], heading[top], score[top]
     each = np.arange(len(leaf))
     for step in STEPS:
         around = pyramid.grid.find((pyramid.grid.cells(leaf)[:, None] + step * _AROUND).reshape(-1, 2))
         around = np.where((around >= 0) & pyramid.is_clear(around), around, np.repeat(leaf, len(_AROUND)))
         turns = max(1, step // 4) * np.arange(-2, 3)
         headings = ((np.repeat(heading, len(_AROUND))[:, None] + turns) % 360).astype(np.int16)
-        found = np.empty(headings.shape, np.float32)
+        tried = np.empty(headings.shape, np.float32)
         for which, rows in profiles.batches(around):
             part = bound.leaves(profiles.rows, np.repeat(rows, len(turns)), headings[which].ravel())
-            found[which] = part.reshape(-1, len(turns))
-        found = found.reshape(len(leaf), -1)
+            tried[which] = part.reshape(-1, len(turns))
+        found = tried.reshape(len(leaf), -1)
         best = np.argmax(found, axis=1)
         leaf = around.reshape(len(leaf), -1)[each, best // len(turns)]
         heading = headings.reshape(len(leaf), -1)[each, best]

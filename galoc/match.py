@@ -66,10 +66,10 @@ def distinct_peaks(field: ProfileField, volume: NDArray[np.float32], count: int)
     keep = min(int(np.count_nonzero(np.isfinite(flat))), MOST_CELLS)
     best = np.argpartition(-flat, keep - 1)[:keep]
     best = best[np.lexsort((best, -flat[best]))]
-    xy = field.positions[best // score.shape[1]]
+    x, y = np.ascontiguousarray(field.positions[best // score.shape[1]].T)
     angle = wrap_angle(heading.ravel()[best] * (2 * math.pi / volume.shape[1]))
-    chosen = apart(xy[:, 0], xy[:, 1], angle, count, APART_M, APART_RAD)
-    return np.column_stack([xy[chosen], angle[chosen], flat[best[chosen]]])
+    chosen = apart(x, y, angle, count, APART_M, APART_RAD)
+    return np.column_stack([x[chosen], y[chosen], angle[chosen], flat[best[chosen]]])
 
 
 def refine(field: ProfileField, rays: Rays, cells: ArrayLike) -> Array:

@@ -24,8 +24,8 @@ from single_image_report import figure, report, summary
 
 from galoc import Camera, Estimate, Floorplan, GalocError, Localizer, LocalizerConfig, Rays
 from galoc.heights import Heights
-from galoc.match import search
 from galoc.metrics import pose_error, rank
+from galoc.peaks import search
 from galoc_env.homes import generate
 
 Array = NDArray[np.float64]

@@ -5,6 +5,7 @@ from galoc.errors import GalocError
 from galoc.floorplan import Floorplan, Opening
 from galoc.layout import solve_layout
 from galoc.localizer import Localizer, LocalizerConfig
+from galoc.match import Matcher
 from galoc.types import Estimate, Layout, Rays, Wireframe
 
 __version__ = "0.1.0"
@@ -17,6 +18,7 @@ __all__ = [
     "Layout",
     "Localizer",
     "LocalizerConfig",
+    "Matcher",
     "Opening",
     "Rays",
     "Wireframe",

@@ -20,11 +20,13 @@ POINT, VERTICAL, LINE, TIE = 0, 1, 2, 3
 azimuth."""
 MAX_DIRECTION_VAR = math.radians(10.0) ** 2
 """Walls with a more uncertain direction do not take part in the wall-direction prior, rad^2."""
+ROUNDS = 6
+"""Gauss-Newton steps at most."""
 S_MIN = 0.01
 """Least inverse depth: a wall at 100 times the mean height."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def levelling_matrix(roll, pitch):  # type: ignore[no-untyped-def]
     """R_x(pitch) R_z(roll), as :func:`galoc.camera.levelling`."""
     cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
@@ -35,7 +37,7 @@ def levelling_matrix(roll, pitch):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def measurement_rows(t, kind, a, b, row, uv, theta, n, rot, intrinsics, res, jac, idx):  # type: ignore[no-untyped-def]
     """Residuals (observed minus predicted, px) and Jacobian of one measurement.
 
@@ -129,16 +131,16 @@ def measurement_rows(t, kind, a, b, row, uv, theta, n, rot, intrinsics, res, jac
     return 1, 7
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def normal_equations(  # type: ignore[no-untyped-def]
     theta, n, kind, a, b, row, uv, sd, use, intrinsics, prior, prior_sd, walls, wall_weight, wall_sd, hess, grad
 ):
     """Fill the information matrix and the gradient at ``theta``; returns the cost, a sum of whitened squares."""
     size = 2 * n + 4
-    hess[:, :] = 0.0
-    grad[:] = 0.0
     cost = 0.0
     for p in range(size):
+        for q in range(size):
+            hess[p, q] = 0.0
         weight = 1.0 / (prior_sd[p] * prior_sd[p])
         hess[p, p] = weight
         grad[p] = weight * (prior[p] - theta[p])
@@ -178,13 +180,13 @@ def normal_equations(  # type: ignore[no-untyped-def]
     return cost
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def turn_mod_right_angle(angle):  # type: ignore[no-untyped-def]
     """Angle wrapped to [-pi/4, pi/4): the difference of two directions on one right-angled grid."""
     return (angle + math.pi / 4.0) % (math.pi / 2.0) - math.pi / 4.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def wall_direction(theta, i, j):  # type: ignore[no-untyped-def]
     """Direction of the wall between nodes i and j seen from above, and its derivatives by (m_i, s_i, m_j, s_j)."""
     mi, si, mj, sj = theta[2 * i], theta[2 * i + 1], theta[2 * j], theta[2 * j + 1]
@@ -196,13 +198,13 @@ def wall_direction(theta, i, j):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def iterate(  # type: ignore[no-untyped-def]
-    theta, n, kind, a, b, row, uv, sd, use, intrinsics, prior, prior_sd, walls, wall_weight, wall_sd, rounds, hess, grad
+    theta, n, kind, a, b, row, uv, sd, use, intrinsics, prior, prior_sd, walls, wall_weight, wall_sd, hess, grad
 ):
     """Gauss-Newton from ``theta`` (in place). Leaves the last Cholesky factor in ``hess``; returns success."""
     size = 2 * n + 4
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         normal_equations(
             theta, n, kind, a, b, row, uv, sd, use, intrinsics, prior, prior_sd, walls, wall_weight, wall_sd, hess, grad
         )
@@ -226,7 +228,7 @@ def iterate(  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def worst_group(theta, n, kind, a, b, row, uv, sd, use, group, intrinsics, cov):  # type: ignore[no-untyped-def]
     """The group of measurements that fits worst: its index (-1: none), its test value, typical chi2 and redundancy.
 
@@ -235,7 +237,9 @@ def worst_group(theta, n, kind, a, b, row, uv, sd, use, group, intrinsics, cov):
     that statistic divided by its 99.9 % quantile. The typical chi2 per freedom is the median over the groups, which one
     gross error does not move.
     """
-    groups = group.max() + 1 if group.shape[0] > 0 else 0
+    groups = 0
+    for t in range(group.shape[0]):
+        groups = max(groups, group[t] + 1)
     square = np.zeros(groups)
     redundancy = np.zeros(groups)
     rows_in = np.zeros(groups)
@@ -270,11 +274,24 @@ def worst_group(theta, n, kind, a, b, row, uv, sd, use, group, intrinsics, cov):
         if test > value:
             worst, value = g, test
     # The median of chi-square per freedom is 0.69 for the two freedoms of a pair.
-    typical = np.median(ratio[:tested]) / 0.693 if tested > 0 else 1.0
+    typical = median(ratio[:tested]) / 0.693 if tested > 0 else 1.0
     return worst, value, typical, free
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def median(values):  # type: ignore[no-untyped-def]
+    """Median of at least one value; sorts them in place. That of numpy costs a second to compile."""
+    count = values.shape[0]
+    for i in range(1, count):
+        value, j = values[i], i
+        while j > 0 and values[j - 1] > value:
+            values[j] = values[j - 1]
+            j -= 1
+        values[j] = value
+    return 0.5 * (values[(count - 1) // 2] + values[count // 2])
+
+
+@njit(cache=True, error_model="numpy")
 def grid_weights(theta, n, walls, cov, wall_sd, share):  # type: ignore[no-untyped-def]
     """Probability of each wall to lie on the best right-angled grid, and that grid's direction (mixture, E step).
 
@@ -315,7 +332,8 @@ def grid_weights(theta, n, walls, cov, wall_sd, share):  # type: ignore[no-untyp
                 psi += pull / total
         if value > best:
             best, direction = value, psi
-            weight[:] = trial
+            for w in range(count):
+                weight[w] = trial[w]
     agree = 0.0
     for w in range(count):
         # A wall whose direction is hardly known may snap to the wrong axis.
@@ -323,5 +341,5 @@ def grid_weights(theta, n, walls, cov, wall_sd, share):  # type: ignore[no-untyp
             weight[w] = 0.0
         agree += weight[w]
     if agree < 1.5:
-        weight[:] = 0.0
+        return np.zeros(count), direction
     return weight, direction

@@ -24,7 +24,7 @@ GRID_SHARE = 0.8
 """Prior probability that a wall of a right-angled map is on the grid as seen (thin panels are often not)."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def height_ratio(a, b, c, k0, k_sd, noise):  # type: ignore[no-untyped-def]
     """Log height ratio k from the sums ``yc yc``, ``yc yf`` and ``yf yf`` over the pairs, see :func:`tls`."""
     if not a + c > 0.0:
@@ -37,7 +37,7 @@ def height_ratio(a, b, c, k0, k_sd, noise):  # type: ignore[no-untyped-def]
     return k0 + share * (min(max(math.log(math.tan(angle)), -2.0), 2.0) - k0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def tls(yc, yf, k0, k_sd, noise):  # type: ignore[no-untyped-def]
     """Total least squares in closed form: k and the inverse depths of pairs from their level-plane heights.
 
@@ -64,16 +64,21 @@ def tls(yc, yf, k0, k_sd, noise):  # type: ignore[no-untyped-def]
     return k, s
 
 
-@njit(cache=True)
-def start(n, kind, a, row, uv, sd, intrinsics, prior, prior_sd):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def start(n, kind, a, row, uv, sd, use, intrinsics, prior, prior_sd):  # type: ignore[no-untyped-def]
     """Start values: azimuths from what is seen of each node, k and inverse depths by :func:`tls`."""
     theta = prior.copy()
     rot = levelling_matrix(prior[2 * n + 1], prior[2 * n + 2])
     y = np.zeros((n, 2))
-    seen = np.zeros((n, 2), np.bool_)
+    seen = np.zeros((n, 2))  # 0 or 1
     m_sum = np.zeros(n)
     m_count = np.zeros(n)
+    noise = -1.0
     for t in range(kind.shape[0]):
+        if not use[t]:
+            continue
+        if noise < 0.0:
+            noise = sd[t] / intrinsics[0]
         if kind[t] != POINT and kind[t] != VERTICAL:
             continue
         q0, q1 = (uv[t, 0] - intrinsics[2]) / intrinsics[0], (uv[t, 1] - intrinsics[3]) / intrinsics[1]
@@ -86,29 +91,30 @@ def start(n, kind, a, row, uv, sd, intrinsics, prior, prior_sd):  # type: ignore
         if kind[t] == POINT:
             height = (rot[1, 0] * q0 + rot[1, 1] * q1 + rot[1, 2]) / r2
             y[i, row[t]] = -height if row[t] == 0 else height
-            seen[i, row[t]] = True
+            seen[i, row[t]] = 1.0
     full = np.empty(n, np.int64)
+    both = np.empty((2, n))
     count = 0
     for i in range(n):
         if m_count[i] > 0.0:
             theta[2 * i] = m_sum[i] / m_count[i]
-        if seen[i, 0] and seen[i, 1]:
+        if seen[i, 0] * seen[i, 1] > 0.0:
             full[count] = i
+            both[0, count], both[1, count] = y[i, 0], y[i, 1]
             count += 1
-    noise = sd[0] / intrinsics[0] if sd.shape[0] else 0.0
-    k, s = tls(y[full[:count], 0], y[full[:count], 1], prior[2 * n], prior_sd[2 * n], noise)
+    k, s = tls(both[0, :count], both[1, :count], prior[2 * n], prior_sd[2 * n], max(noise, 0.0))
     theta[2 * n] = k
     for f in range(count):
         theta[2 * full[f] + 1] = max(s[f], 0.02)
     for i in range(n):
         if seen[i, 0] != seen[i, 1]:
-            which = 0 if seen[i, 0] else 1
+            which = 0 if seen[i, 0] > 0.0 else 1
             h = math.exp(-0.5 * k) if which == 0 else math.exp(0.5 * k)
             theta[2 * i + 1] = max(y[i, which] / h, 0.02)
     return theta
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def solve_chain(  # type: ignore[no-untyped-def]
     n, kind, a, b, row, uv, sd, group, intrinsics, prior, prior_sd, walls, on_grid, drops, scale_free
 ):
@@ -135,8 +141,8 @@ def solve_chain(  # type: ignore[no-untyped-def]
         theta (2N+4,), covariance (2N+4, 2N+4), use (T,) bool, noise factor on ``sd``.
     """
     size = 2 * n + 4
-    theta = start(n, kind, a, row, uv, sd, intrinsics, prior, prior_sd)
     use = np.ones(kind.shape[0], np.bool_)
+    theta = start(n, kind, a, row, uv, sd, use, intrinsics, prior, prior_sd)
     hess = np.empty((size, size))
     grad = np.empty(size)
     none = np.zeros(walls.shape[0])
@@ -145,7 +151,7 @@ def solve_chain(  # type: ignore[no-untyped-def]
     factor = 1.0
     for attempt in range(drops + 1):
         if not iterate(
-            theta, n, kind, a, b, row, uv, sd, use, intrinsics, prior, prior_sd, walls, none, WALL_SD, 6, hess, grad
+            theta, n, kind, a, b, row, uv, sd, use, intrinsics, prior, prior_sd, walls, none, WALL_SD, hess, grad
         ):
             return theta, cov, use, -1.0
         cov = cholesky_inverse(hess, size)
@@ -157,24 +163,27 @@ def solve_chain(  # type: ignore[no-untyped-def]
                 if kind[t] != TIE:
                     sd[t] *= rough
             factor *= rough
-            cov *= rough * rough
+            for p in range(size):
+                for q in range(size):
+                    cov[p, q] *= rough * rough
             value /= rough * rough
         if worst < 0 or value <= 1.0 or attempt == drops:
             break
         for t in range(kind.shape[0]):
             if group[t] == worst:
                 use[t] = False
-        fresh = start(n, kind[use], a[use], row[use], uv[use], sd[use], intrinsics, prior, prior_sd)
-        theta[:] = fresh
+        theta = start(n, kind, a, row, uv, sd, use, intrinsics, prior, prior_sd)
     if on_grid and walls.shape[0] >= 2:
         weight, direction = grid_weights(theta, n, walls, cov, WALL_SD, GRID_SHARE)
-        if weight.max() > 0.0:
+        agree = 0.0
+        for w in range(walls.shape[0]):
+            agree += weight[w]
+        if agree > 0.0:
             trial = theta.copy()
             trial[size - 1] = direction
             if iterate(
-                trial, n, kind, a, b, row, uv, sd, use, intrinsics, prior, prior_sd, walls, weight, WALL_SD, 4, hess,
-                grad,
+                trial, n, kind, a, b, row, uv, sd, use, intrinsics, prior, prior_sd, walls, weight, WALL_SD, hess, grad,
             ):  # fmt: skip
-                theta[:] = trial
+                theta = trial
                 cov = cholesky_inverse(hess, size)
     return theta, cov, use, factor

@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from galoc._linalg_kernel import cholesky, cholesky_inverse, cholesky_solve
-from galoc._visibility_kernel import NEAR, cast, distances, nearby, ray_cost, unseen_corners, visible_corners
+from galoc._visibility_kernel import NEAR, cast, nearby, ray_cost, unseen_corners, visible_corners, within
 
 ON_CORNER, ON_WALL, OUTLIER = 0, 1, 2
 ALONG_WALL = 0.3
@@ -24,7 +24,7 @@ OUTLIER_SD = 1.0
 ROUNDS = 5
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def assign(  # type: ignore[no-untyped-def]
     pose, segments, corners, nodes, cov, is_corner, side, slack_m, slack_az, slack_g, map_sd, corner_share, state, data,
     seen, far, moved,
@@ -107,16 +107,19 @@ def assign(  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def linearize(pose, nodes, cov, state, data, map_sd, e, jac, big):  # type: ignore[no-untyped-def]
     """Residuals (2N,), Jacobian (2N, 4) of the predictions, and the opened covariance (2N, 2N)."""
     n = nodes.shape[0]
     x, y, heading, g = pose[0], pose[1], pose[2], pose[3]
     c, s = math.cos(heading), math.sin(heading)
     scale = math.exp(g)
-    big[:, :] = cov
-    jac[:, :] = 0.0
-    e[:] = 0.0
+    for p in range(2 * n):
+        e[p] = 0.0
+        for q in range(4):
+            jac[p, q] = 0.0
+        for q in range(2 * n):
+            big[p, q] = cov[p, q]
     for i in range(n):
         m, d = nodes[i, 0], nodes[i, 1]
         if state[i] == OUTLIER:
@@ -153,7 +156,7 @@ def linearize(pose, nodes, cov, state, data, map_sd, e, jac, big):  # type: igno
         big[2 * i + 1, 2 * i + 1] += open2 * slope * slope + (map_sd * d * d / scale) ** 2
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def register(  # type: ignore[no-untyped-def]
     start, segments, far, corners, nodes, cov, is_corner, side, prior_precision, map_sd, corner_share, slack
 ):
@@ -176,7 +179,7 @@ def register(  # type: ignore[no-untyped-def]
     Returns:
         pose (4,), information (4, 4), log evidence, number of nodes on corners, number of outliers.
     """
-    n = nodes.shape[0]
+    n, size = nodes.shape[0], start.shape[0]
     pose = start.copy()
     state = np.zeros(n, np.int64)
     data = np.zeros((n, 4))
@@ -186,7 +189,7 @@ def register(  # type: ignore[no-untyped-def]
     big = np.empty((2 * n, 2 * n))
     white = np.empty(2 * n)
     columns = np.empty((4, 2 * n))
-    info = np.empty((4, 4))
+    info, damped = np.empty((4, 4)), np.empty((4, 4))
     grad = np.empty(4)
     offset = np.empty(4)
     log_prior, evidence = 0.0, -1e18
@@ -200,12 +203,15 @@ def register(  # type: ignore[no-untyped-def]
             linearize(pose, nodes, cov, state, data, map_sd, e, jac, big)
             if not cholesky(big, 2 * n):
                 return pose, info, -1e18, 0, n
-            white[:] = e
+            for k in range(2 * n):
+                white[k] = e[k]
+                for q in range(4):
+                    columns[q, k] = jac[k, q]
             cholesky_solve(big, white, 2 * n)
             for q in range(4):
-                columns[q] = jac[:, q]
                 cholesky_solve(big, columns[q], 2 * n)
-            offset[:] = pose - start
+            for q in range(4):
+                offset[q] = pose[q] - start[q]
             offset[2] = (offset[2] + math.pi) % (2.0 * math.pi) - math.pi
             square = 0.0
             for k in range(2 * n):
@@ -227,12 +233,13 @@ def register(  # type: ignore[no-untyped-def]
                     log_det += math.log(big[k, k])
                 evidence = -0.5 * square - log_det - n * math.log(2.0 * math.pi) + log_prior
                 break
-            damped = info.copy()
             for q in range(4):
+                for r in range(4):
+                    damped[q, r] = info[q, r]
                 damped[q, q] = damped[q, q] * 1.001 + 1e-3
-            if not cholesky(damped, 4):
+            if not cholesky(damped, size):
                 return pose, info, -1e18, 0, n
-            cholesky_solve(damped, grad, 4)
+            cholesky_solve(damped, grad, size)
             shrink = 1.0
             step = math.hypot(grad[0], grad[1])
             if step > 0.25:
@@ -250,7 +257,7 @@ def register(  # type: ignore[no-untyped-def]
     return pose, info, evidence, matched, lost
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, error_model="numpy")
 def register_all(  # type: ignore[no-untyped-def]
     starts, segments, corners, nodes, cov, is_corner, side, prior_precision, map_sd, corner_share, slack, reach,
     azimuths, seen, sd, least, ray_weight, saturation, unseen_cost,
@@ -261,33 +268,31 @@ def register_all(  # type: ignore[no-untyped-def]
         (C, 4) poses, (C, 4, 4) covariances, (C,) log mass: the evidence with contradictions charged and the pose
         integrated out (Laplace), (C, 2) counts of matched and lost nodes.
     """
-    count = starts.shape[0]
+    count, size = starts.shape
     poses = np.empty((count, 4))
     covs = np.zeros((count, 4, 4))
-    mass = np.full(count, -1e18)
-    counts = np.zeros((count, 2), np.int64)
-    for c in prange(count):
-        buffer = np.empty((64, 3))
-        local = nearby(segments, starts[c, 0], starts[c, 1], reach)
-        far = distances(local, starts[c, 0], starts[c, 1])
-        away = (corners[:, 0] - starts[c, 0]) ** 2 + (corners[:, 1] - starts[c, 1]) ** 2
-        local_corners = corners[away <= reach * reach]
+    mass = np.empty(count)
+    counts = np.empty((count, 2), np.int64)
+    buffer = np.empty((64, 3))
+    for c in range(count):
+        local, far = nearby(segments, starts[c, 0], starts[c, 1], reach)
+        local_corners = within(corners, starts[c, 0], starts[c, 1], reach)
         pose, info, evidence, matched, lost = register(
             starts[c], local, far, local_corners, nodes, cov, is_corner, side, prior_precision, map_sd,
             corner_share, slack,
         )  # fmt: skip
-        poses[c] = pose
         counts[c, 0], counts[c, 1] = matched, lost
-        if evidence <= -1e17:
+        mass[c] = -1e18
+        for q in range(size):
+            poses[c, q] = pose[q]
+        if evidence <= -1e17 or not cholesky(info, size):
             continue
-        chol = info.copy()
-        if not cholesky(chol, 4):
-            continue
-        covs[c] = cholesky_inverse(chol, 4)
-        log_det = 0.0
-        for q in range(4):
-            log_det += math.log(chol[q, q])
-        mass[c] = evidence - log_det
+        inverse = cholesky_inverse(info, size)
+        mass[c] = evidence
+        for q in range(size):
+            mass[c] -= math.log(info[q, q])
+            for r in range(size):
+                covs[c, q, r] = inverse[q, r]
         moved = math.hypot(pose[0] - starts[c, 0], pose[1] - starts[c, 1])
         mass[c] -= 0.5 * ray_weight * ray_cost(pose, local, azimuths, seen, sd, least, saturation, far, moved)
         if unseen_cost > 0.0:

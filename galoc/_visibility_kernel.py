@@ -1,8 +1,8 @@
 """Numba kernels: what of a map is seen from a pose, and how far that contradicts an observation.
 
-Where segments come from :func:`nearby`, with their ``far`` from :func:`distances`, a search ends once all that follow
-are farther than what was found. ``far`` holds where they were sorted; ``moved`` is the way from there. Without ``far``
-segments may come in any order.
+Where segments come from :func:`nearby`, with their distances ``far``, a search ends once all that follow are farther
+than what was found. ``far`` holds where they were sorted; ``moved`` is the way from there. Without ``far`` segments may
+come in any order.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ NEAR = 0.08
 """Nothing nearer than this is predicted, m."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def cast(segments, x, y, c, s, far=None, moved=0.0):  # type: ignore[no-untyped-def]
     """Range and index of the first segment along (c, s), in multiples of that vector; (inf, -1) for none."""
     best, index = np.inf, -1
@@ -40,28 +40,60 @@ def cast(segments, x, y, c, s, far=None, moved=0.0):  # type: ignore[no-untyped-
     return best, index
 
 
-@njit(cache=True)
-def distances(segments, x, y):  # type: ignore[no-untyped-def]
-    """(S,) m: distance of (x, y) to each segment."""
-    out = np.empty(segments.shape[0])
+@njit(cache=True, error_model="numpy")
+def nearby(segments, x, y, reach):  # type: ignore[no-untyped-def]
+    """Segments that come within ``reach`` of (x, y), nearest first: what hides something is found early.
+
+    Returns:
+        (C, 4) segments and (C,) their distances, m.
+    """
+    order, distance, count = np.empty(segments.shape[0], np.int64), np.empty(segments.shape[0]), 0
     for k in range(segments.shape[0]):
         ax, ay = segments[k, 0] - x, segments[k, 1] - y
         dx, dy = segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1]
         u = min(1.0, max(0.0, -(ax * dx + ay * dy) / (dx * dx + dy * dy)))
         px, py = ax + u * dx, ay + u * dy
-        out[k] = math.sqrt(px * px + py * py)
-    return out
+        square = px * px + py * py
+        if square <= reach * reach:
+            order[count], distance[count] = k, math.sqrt(square)
+            count += 1
+    sort_both(distance[:count], order[:count])
+    near = np.empty((count, 4))
+    for i in range(count):
+        for q in range(4):
+            near[i, q] = segments[order[i], q]
+    return near, distance[:count]
 
 
-@njit(cache=True)
-def nearby(segments, x, y, reach):  # type: ignore[no-untyped-def]
-    """Segments that come within ``reach`` of (x, y), nearest first: what hides something is found early."""
-    distance = distances(segments, x, y)
-    inside = np.flatnonzero(distance <= reach)
-    return segments[inside[np.argsort(distance[inside])]]
+@njit(cache=True, error_model="numpy")
+def within(points, x, y, reach):  # type: ignore[no-untyped-def]
+    """The points (C, 2) that come within ``reach`` of (x, y)."""
+    out, count = np.empty(points.shape), 0
+    for k in range(points.shape[0]):
+        dx, dy = points[k, 0] - x, points[k, 1] - y
+        if dx * dx + dy * dy <= reach * reach:
+            out[count, 0], out[count, 1] = points[k, 0], points[k, 1]
+            count += 1
+    return out[:count]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def sort_both(keys, values):  # type: ignore[no-untyped-def]
+    """Sort keys in place and values along with them (Shell's sort: compiles in a tenth of the time of numpy's)."""
+    gap = 1
+    while gap < keys.shape[0]:
+        gap = 3 * gap + 1
+    while gap > 1:
+        gap //= 3
+        for i in range(gap, keys.shape[0]):
+            key, value, j = keys[i], values[i], i
+            while j >= gap and keys[j - gap] > key:
+                keys[j], values[j] = keys[j - gap], values[j - gap]
+                j -= gap
+            keys[j], values[j] = key, value
+
+
+@njit(cache=True, error_model="numpy")
 def blocker(segments, x, y, dx, dy, limit, first, far=None, moved=0.0):  # type: ignore[no-untyped-def]
     """Index of a segment that crosses the way from (x, y) along (dx, dy) before ``limit`` of its length; -1 for none.
 
@@ -87,7 +119,7 @@ def blocker(segments, x, y, dx, dy, limit, first, far=None, moved=0.0):  # type:
     return -1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def visible_corners(segments, corners, x, y, heading, m_low, m_high, out, far=None, moved=0.0):  # type: ignore[no-untyped-def]
     """Map corners seen within [m_low, m_high] as rows (m, z, corner index) of ``out``; returns their number."""
     c, s = math.cos(heading), math.sin(heading)
@@ -110,7 +142,7 @@ def visible_corners(segments, corners, x, y, heading, m_low, m_high, out, far=No
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def ray_cost(pose, segments, azimuths, seen, sd, least, saturation, far=None, moved=0.0):  # type: ignore[no-untyped-def]
     """Sum of robust squared residuals of the rays at a pose.
 
@@ -129,7 +161,7 @@ def ray_cost(pose, segments, azimuths, seen, sd, least, saturation, far=None, mo
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def unseen_corners(  # type: ignore[no-untyped-def]
     pose, segments, corners, nodes, cov, azimuths, sd, seen, far=None, moved=0.0
 ):

@@ -236,7 +236,8 @@ class Belief:
         weight = np.square(self._mass.cells(rows, columns) / float(self._mass.row_best[i]))
         weight /= weight.sum()
         offset = wrap_angle(headings[columns] - best[2])
-        xy = weight.sum(axis=1) @ self.positions[rows] + self._left_over[v]
+        # Each heading has been rounded on its own and owes its own rest.
+        xy = weight.sum(axis=1) @ self.positions[rows] + weight.sum(axis=0) @ self._left_over[columns]
         heading = best[2] + float(weight.sum(axis=0) @ offset) + math.radians(self._left_over_deg - self.turned_deg)
         return np.array([xy[0], xy[1], float(wrap_angle(heading))])
 

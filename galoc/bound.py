@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from galoc._cosine_bound_kernel import cosine_limits, keep_nodes, keep_roots, leaf_cosines
 from galoc._dense_kernel import all_headings, best_headings
 from galoc.errors import GalocError
-from galoc.nodes import Float32, Headings, Int, Nodes
 from galoc.planes import PlaneView
-from galoc.pyramid import Level
+from galoc.pyramid import Float32, Headings, Int, Level, Nodes
 from galoc.score import UnitRays
 from galoc.types import Rays
 

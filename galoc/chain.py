@@ -212,8 +212,16 @@ def to_level(points: Array, covariance: Array) -> tuple[Array, Array, Array]:
 
 
 def _turned(covariance: Array, d00: Array, d01: Array, d11: Array) -> Array:
-    """``J C J^T`` for a block-diagonal J with blocks [[d00, d01], [0, d11]]."""
-    jacobian = np.zeros(covariance.shape)
-    even = np.arange(0, covariance.shape[-1], 2)
-    jacobian[..., even, even], jacobian[..., even, even + 1], jacobian[..., even + 1, even + 1] = d00, d01, d11
-    return np.asarray(jacobian @ covariance @ np.swapaxes(jacobian, -1, -2))
+    """``J C J^T`` for a block-diagonal J with blocks [[d00, d01], [0, d11]].
+
+    Written out: as a matrix product it would wake the threads of BLAS, which cost more than the product.
+    """
+    rows = np.empty(covariance.shape)
+    even, odd = covariance[..., ::2, :], covariance[..., 1::2, :]
+    rows[..., ::2, :] = d00[..., None] * even + d01[..., None] * odd
+    rows[..., 1::2, :] = d11[..., None] * odd
+    out = np.empty(covariance.shape)
+    left, right = rows[..., ::2], rows[..., 1::2]
+    out[..., ::2] = left * d00[..., None, :] + right * d01[..., None, :]
+    out[..., 1::2] = right * d11[..., None, :]
+    return out

@@ -12,9 +12,8 @@ from galoc._frontier_kernel import children, clear_poses
 from galoc._pyramid_kernel import LEAVES
 from galoc.bound import Bound
 from galoc.fine import LeafProfiles
-from galoc.nodes import Float32, Headings, Int, Nodes
 from galoc.planes import plane_leaves
-from galoc.pyramid import Level, Pyramid
+from galoc.pyramid import Float32, Headings, Int, Level, Nodes, Pyramid
 
 CAST_NS = 4000.0
 """Rough cost of casting a profile, ns."""

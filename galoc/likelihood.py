@@ -141,8 +141,9 @@ class Likelihood:
         m = seen.nodes[seen.is_corner, 0]
         bearing = np.degrees(-np.arctan(m))
         variance = np.diag(seen.covariance)[::2][seen.is_corner] / (1.0 + m**2) ** 2
-        depth = 1.0 / np.maximum(seen.nodes[seen.is_corner, 1] * np.sqrt(1.0 + m**2), 1e-3)  # range, m
-        cell = self.field.resolution**2 / 12.0 / np.maximum(depth, 0.3) ** 2
+        # A node (m, s) is at x = m / s, z = 1 / s.
+        reach = np.sqrt(1.0 + m**2) / np.maximum(seen.nodes[seen.is_corner, 1], 1e-3)
+        cell = self.field.resolution**2 / 12.0 / np.maximum(reach, 0.3) ** 2
         low = np.floor(bearing)
         most = np.full(len(m), CORNER_SATURATION * self.corner_share)
         precision = CODE_DEG**2 / (np.degrees(1.0) ** 2 * (variance + cell) + 0.1) / most

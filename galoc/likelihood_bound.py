@@ -11,9 +11,8 @@ from galoc._likelihood_bound_kernel import keep_nodes, keep_roots, leaf_likeliho
 from galoc._likelihood_kernel import TOGETHER, likelihood_volume
 from galoc.errors import GalocError
 from galoc.likelihood import MANY_RAYS, MOST_PRECISION, SATURATION
-from galoc.nodes import Float32, Headings, Int, Nodes
 from galoc.observation import Observation, pose_variance
-from galoc.pyramid import Level
+from galoc.pyramid import Float32, Headings, Int, Level, Nodes
 
 STRIDE = 4
 """Every fourth ray is scored where more than ``MANY_RAYS`` are told: of those 8 degrees apart, two vectors."""
@@ -78,13 +77,10 @@ class LikelihoodBound:
 
     def leaves(self, profiles: Float32, rows: Int, headings: Headings) -> Float32:
         """See :class:`galoc.bound.Bound`."""
-        flag = np.zeros(len(profiles), bool)
-        flag[rows] = True
-        place = np.cumsum(flag) - 1
-        logs = np.log(profiles[flag])
+        used, place = np.unique(rows, return_inverse=True)
         return leaf_likelihoods(
-            logs, place[rows], headings, self._ray_bin, self._rays, self._limit_bin, self._limits, self._saturation,
-            self._scale_precision,
+            np.log(profiles[used]), place, headings, self._ray_bin, self._rays, self._limit_bin, self._limits,
+            self._saturation, self._scale_precision,
         )  # fmt: skip
 
     def dense(self, profiles: Float32, rows: Int) -> tuple[Float32, Headings]:

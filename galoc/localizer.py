@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from galoc.belief import Belief, checked_headings, checked_kidnapped, checked_odometry
+from galoc.belief import Belief, checked_odometry
 from galoc.camera import Camera, levelling
 from galoc.cells import cosine_cells, likelihood_cells
+from galoc.config import LocalizerConfig as LocalizerConfig
 from galoc.detect import Detector
 from galoc.errors import GalocError
 from galoc.floorplan import Floorplan
 from galoc.heights import Heights
 from galoc.layout import METHODS, solve_layout
 from galoc.likelihood import Likelihood
-from galoc.match import search
 from galoc.observation import Observation, observation
+from galoc.peaks import search
 from galoc.plan_facts import manhattan
 from galoc.posterior import NEAR_M, locate_modes, probability_near
 from galoc.profiles import profile_field
@@ -41,75 +41,15 @@ LIKELY_HEADINGS = 72
 """Heading cells with scoring "likelihood"."""
 LEAST_LOG_P = -40.0
 """The belief keeps this much of every pose, nats below the best: what was ruled out by mistake can come back."""
-LISTED_SHARE, FULL_EVERY = 0.3, 5
+LISTED_SHARE, FULL_EVERY = 0.3, 20
 """Share of positions above which all are scored anyway; see HOPELESS."""
+POOR_FIT = -25.0
+"""All are scored as well where no listed position has this log-likelihood: the belief is probably wrong."""
 NEAR_RAD, LEAD = 0.35, 1.5
 """The tracker moves to the belief's peak where that is another place (further than 0.5 m or this, rad) with this many
 times the mass."""
 SURE, UNSURE = 0.9, 0.3
 """Heights are learned above the first confidence and forgotten below the second."""
-
-
-@dataclass(frozen=True, slots=True)
-class LocalizerConfig:
-    """Everything that can be set. With scoring "cosine" the defaults are the paper's where it states them."""
-
-    resolution: float = 0.1
-    """Grid step of the coarse search and of the belief, m (large plans are coarsened, see galoc.profiles)."""
-    candidates: int | None = None
-    """Cells that :meth:`Localizer.locate` looks at closely; None: 32 refined to 0.01 m (scoring "cosine"), 128
-    registered to the map ("likelihood")."""
-    heights: tuple[float, float] | None = None
-    """Known height of the camera and of the ceiling above the floor, m (geometry "ml"); None: unknown. Over a sequence
-    they are learned."""
-    heights_sd: float = 0.03
-    """Relative standard deviation of known heights."""
-    ceiling_from_plan: bool = False
-    """Take the ceiling's height from the plan, to ``heights_sd``, and leave the camera's unknown (geometry "ml"). For
-    plans that state the real height: it fixes the scale of every view."""
-    imu_sigma_deg: float = 1.0
-    """Standard deviation of measured roll and pitch, degrees (geometry "ml")."""
-    odometry_noise: float = 0.02
-    """Standard deviation of a motion as a share of its length (scoring "likelihood")."""
-    odometry_turn_deg: float = 0.5
-    """Standard deviation of the heading change of a step that moves, degrees (scoring "likelihood")."""
-    abstain_below: float = 0.0
-    """Estimates with a lower confidence count as abstained; their pose is still given (scoring "likelihood")."""
-    diffusion_m: float | None = None
-    """Position diffusion of the filter per metre moved, m/m. None: 0 ("cosine", as the paper), ``odometry_noise``
-    ("likelihood")."""
-    diffusion_rad: float | None = None
-    """Heading diffusion of the filter per moving step, rad. None: 0 ("cosine") or ``odometry_turn_deg``."""
-    motion: str = "carried"
-    """What the filter does with the part of a motion below one cell: "carried" or "paper" (see galoc.belief)."""
-    headings: int | None = None
-    """Heading cells of the filter, a divisor of 360. None: 360 ("cosine", as the paper) or 72 ("likelihood", which
-    averages over the degrees of a cell)."""
-    kidnapped: float = 0.0
-    """Probability per step that the camera was put anywhere."""
-
-    def __post_init__(self) -> None:
-        """Refuse what is no number of the right kind (heights are checked where they are used)."""
-        for name in (
-            "resolution",
-            "heights_sd",
-            "imu_sigma_deg",
-            "odometry_noise",
-            "odometry_turn_deg",
-            "abstain_below",
-        ):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < math.inf:
-                raise GalocError(f"{name} = {value!r}", "a finite number, 0 or more", "Fix the LocalizerConfig.")
-        checked_kidnapped(self.kidnapped)
-        if self.headings is not None:
-            checked_headings(self.headings)
-
-    def prior(self, plan: Floorplan) -> Heights:
-        """What is known of the heights before the first image."""
-        if self.heights is not None:
-            return Heights.known(*self.heights, sd=self.heights_sd)
-        return Heights.under(plan.ceiling_height, self.heights_sd) if self.ceiling_from_plan else Heights()
 
 
 class Localizer:
@@ -300,6 +240,8 @@ class Localizer:
         everywhere = len(listed) > LISTED_SHARE * len(self.field.positions) or self._frames % FULL_EVERY == 0
         rows = None if everywhere else listed
         found = likelihood_cells(likelihood, seen, self.belief, rows)
+        if rows is not None and float(found.max()) < POOR_FIT:
+            rows, found = None, likelihood_cells(likelihood, seen, self.belief)
         self.belief.add(found, LEAST_LOG_P, rows=rows, temper=FRAME_TEMPER, frame_floor=FRAME_FLOOR)
 
     def _leads(self, peak: NDArray[np.float64], tracked: NDArray[np.float64]) -> bool:

@@ -1,100 +1,258 @@
-"""SE(2) search: the dense coarse volume, then 0.01 m x 1 degree around the best cells."""
+"""SE(2) search, exact: the best poses of the 0.01 m x 1 degree lattice by branch and bound over a pyramid of boxes."""
 
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from galoc._peaks_kernel import apart, heading_peaks
+from galoc._peaks_kernel import apart
+from galoc._pyramid_kernel import LEAVES
+from galoc.bound import Bound, CosineBound
+from galoc.climb import Scored, climb
+from galoc.descent import Remainder, descend
+from galoc.errors import GalocError
+from galoc.fine import LeafProfiles
+from galoc.floorplan import Floorplan
+from galoc.likelihood_bound import LikelihoodBound
 from galoc.metrics import wrap_angle
-from galoc.profiles import ProfileField
-from galoc.score import score_volume
+from galoc.observation import Observation
+from galoc.peaks import APART_M, APART_RAD
+from galoc.profiles import Caster
+from galoc.pyramid import Pyramid, build_pyramid
 from galoc.types import Rays
 
 Array = NDArray[np.float64]
+Int = NDArray[np.int64]
+Headings = NDArray[np.int16]
+Float32 = NDArray[np.float32]
 
-FINE = 0.01
-"""Final position step, m (the paper's grid)."""
-APART_M = 0.45
-"""Candidates closer than this in position and APART_RAD in heading are one, m."""
-APART_RAD = math.radians(12.0)
-"""See APART_M."""
-MOST_CELLS = 20_000
-"""Cells among which distinct ones are chosen."""
-MIN_RANGE = 0.1
-"""A refined pose keeps at least this distance to every wall, m."""
+SEEDS = 16
+"""Local searches that find a good score to beat."""
+LEAF_MEMORY = 1 << 30
+"""Memory for profiles of leaves, bytes."""
+MOST_POSES = 5_000_000
+"""Most poses that are listed."""
+TIES = 64
+"""Poses compared in float64 to find the best one."""
+DENSE_PART = 20_000
+"""Positions whose headings are all listed at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Match:
-    """Result of a search over one observation."""
+class Found:
+    """Result of a search."""
 
-    candidates: Array
-    """(C, 4): x, y (m), heading (rad), score of the best distinct poses, best first."""
-    volume: NDArray[np.float32]
-    """(P, 360): coarse scores at every grid position and whole degree of heading."""
-
-
-def search(field: ProfileField, rays: Rays, *, count: int = 32, volume: NDArray[np.float32] | None = None) -> Match:
-    """Best distinct poses of an observation.
-
-    The coarse volume covers every grid position at 1 degree; each of its best distinct cells is then searched
-    exhaustively within one cell at 2 cm and within 2 cm at 1 cm, over headings within +-3 degrees.
-
-    Args:
-        field: profiles of the plan.
-        rays: the observation (at least one known ray).
-        count: number of cells to refine.
-        volume: (P, 360) scores if already computed.
-    """
-    volume = score_volume(field.ranges, rays) if volume is None else volume
-    cells = distinct_peaks(field, volume, count)
-    refined = refine(field, rays, cells)
-    return Match(refined[np.argsort(-refined[:, 3], kind="stable")], volume)
+    poses: Array
+    """(K, 3): x, y (m), heading (rad), best first."""
+    scores: Float32
+    """(K,) their scores (see galoc.bound)."""
+    certified: bool
+    """No pose of the lattice that belongs here is missing, up to the rounding of float32."""
+    gap: float
+    """How much better than ``scores[0]`` a pose that was not looked at can be; 0 when certified."""
+    boxes: int
+    """Boxes tested."""
+    scored: int
+    """Poses scored."""
 
 
-def distinct_peaks(field: ProfileField, volume: NDArray[np.float32], count: int) -> Array:
-    """(C, 4) best cells of a (P, V) volume, greedily kept apart; V headings evenly over the circle.
-
-    Only cells that are peaks over heading are looked at: a shoulder of a peak is no place of its own.
-    """
-    score, heading = heading_peaks(volume)
-    flat = score.ravel()
-    keep = min(int(np.count_nonzero(np.isfinite(flat))), MOST_CELLS)
-    best = np.argpartition(-flat, keep - 1)[:keep]
-    best = best[np.lexsort((best, -flat[best]))]
-    x, y = np.ascontiguousarray(field.positions[best // score.shape[1]].T)
-    angle = wrap_angle(heading.ravel()[best] * (2 * math.pi / volume.shape[1]))
-    chosen = apart(x, y, angle, count, APART_M, APART_RAD)
-    return np.column_stack([x[chosen], y[chosen], angle[chosen], flat[best[chosen]]])
-
-
-def refine(field: ProfileField, rays: Rays, cells: ArrayLike) -> Array:
-    """Best pose at 0.01 m x 1 degree near each coarse cell.
+class Matcher:
+    """Exact search over one plan.
 
     Args:
-        field: profiles of the plan.
-        rays: the observation.
-        cells: (C, 4) x, y (m), heading (rad), score.
-
-    Returns:
-        (C, 4) refined x, y, heading, score.
+        plan: the map.
+        resolution: step of the positions, m.
+        leaf_memory: bytes for single profiles.
     """
-    best = np.array(cells, dtype=np.float64).reshape(-1, 4)
-    coarse = max(2 * FINE, round(field.resolution / 5.0, 3))
-    for step, reach in ((coarse, field.resolution), (FINE, coarse)):
-        offsets = np.arange(-round(reach / step), round(reach / step) + 1) * step
-        grid = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 2)
-        positions = np.round((best[:, None, :2] + grid) / FINE) * FINE
-        profiles = field.caster(positions).reshape(len(best), len(grid), -1)
-        for c, near in enumerate(profiles):
-            headings = round(math.degrees(best[c, 2])) + np.arange(-3, 4)
-            scores = score_volume(near, rays, headings)
-            scores[near.min(axis=1) < MIN_RANGE] = 0.0
-            i, h = np.unravel_index(int(np.argmax(scores)), scores.shape)
-            if scores[i, h] > 0.0:
-                best[c] = (*positions[c, i], wrap_angle(math.radians(headings[h])), scores[i, h])
-    return best
+
+    def __init__(self, plan: Floorplan, resolution: float = 0.01, *, leaf_memory: int = LEAF_MEMORY) -> None:
+        self.plan, self.resolution = plan, resolution
+        self._caster = Caster(plan)
+        self._memory = leaf_memory
+        self._pyramids: dict[bool, Pyramid] = {}
+        self._leaves: LeafProfiles | None = None
+
+    def pyramid(self, log: bool = False) -> Pyramid:
+        """The boxes of ranges or log ranges; built, or loaded from the disk cache, when first needed."""
+        if log not in self._pyramids:
+            self._pyramids[log] = build_pyramid(self.plan, self.resolution, log=log)
+        return self._pyramids[log]
+
+    def _part(self, log: bool) -> tuple[Pyramid, LeafProfiles]:
+        pyramid = self.pyramid(log)
+        if self._leaves is None:
+            self._leaves = LeafProfiles(pyramid.grid, self._caster, self._memory)
+        return pyramid, self._leaves
+
+    def _bound(self, seen: Rays | Observation | Bound) -> Bound:
+        if isinstance(seen, Rays):
+            return CosineBound(seen)
+        return LikelihoodBound(seen, self.resolution) if isinstance(seen, Observation) else seen
+
+    def argmax(self, seen: Rays | Observation | Bound, *, seconds: float = math.inf) -> Found:
+        """The best pose of the lattice.
+
+        Args:
+            seen: the observation; rays are scored by the cosine (paper), an observation by the likelihood.
+            seconds: stop after about this time: what was found by then is not certified, and says how far off it can
+                be. For large plans whose profiles have not been cast yet.
+        """
+        bound = self._bound(seen)
+        pyramid, profiles = self._part(bound.log)
+        end = time.monotonic() + seconds
+        best = _best(climb(bound, pyramid, profiles, SEEDS), bound.tie)
+        scored, gap = 0, 0.0
+        left = Remainder.nothing()
+        if best[2].max() < bound.most - bound.tie:  # otherwise no pose can be better
+            left = descend(bound, pyramid, profiles, float(best[2].max()), limits=math.isfinite(seconds))
+        for part in left.in_order():
+            if time.monotonic() > end:
+                gap = max(gap, part.limit - float(best[2].max()))
+            elif part.limit >= best[2].max():
+                for found in self._score(bound, pyramid, profiles, part, every=False):
+                    best, scored = _best(_joined([best, found]), bound.tie), scored + len(found[0])
+        exact = bound.exact(profiles.rows[profiles.fetch(best[0])], best[1])
+        first = int(np.lexsort((best[1], best[0], -exact))[0])
+        one = (best[0][first : first + 1], best[1][first : first + 1], exact[first : first + 1].astype(np.float32))
+        return self._found(pyramid, one, left.boxes, scored, gap)
+
+    def above(self, seen: Rays | Observation | Bound, score: float, *, most: int = MOST_POSES) -> Found:
+        """All poses of at least this score, best first.
+
+        Args:
+            seen: the observation.
+            score: threshold.
+            most: poses to list at most. Where there are more, the best of them are listed, which is not certified.
+        """
+        bound = self._bound(seen)
+        pyramid, profiles = self._part(bound.log)
+        left = descend(bound, pyramid, profiles, score)
+        kept, scored, cut = _joined([]), 0, False
+        for found in self._score(bound, pyramid, profiles, left, every=True):
+            good = found[2] >= score
+            kept, scored = _joined([kept, (found[0][good], found[1][good], found[2][good])]), scored + len(found[0])
+            if len(kept[0]) > most:
+                kept, cut = _sorted(kept, most), True
+        return self._found(pyramid, _sorted(kept, most), left.boxes, scored, math.inf if cut else 0.0)
+
+    def topk(
+        self, seen: Rays | Observation | Bound, count: int, *, apart_m: float = APART_M, apart_rad: float = APART_RAD
+    ) -> Found:
+        """The best distinct poses: the best one, then the best one that is apart from it, and so on.
+
+        Args:
+            seen: the observation.
+            count: how many; fewer where the plan does not hold as many.
+            apart_m: poses nearer than this ...
+            apart_rad: ... and turned by less than this from a better one do not count.
+        """
+        if count < 1:
+            raise GalocError(f"count = {count}", "1 or more", "Ask for at least one pose.")
+        bound = self._bound(seen)
+        pyramid, profiles = self._part(bound.log)
+        rough = _sorted(climb(bound, pyramid, profiles, max(SEEDS, 4 * count)))
+        places = _apart(_poses(pyramid, rough), count, apart_m, apart_rad)
+        # The same pose may score a rounding less when all of its block is scored at once.
+        score = float(rough[2][places].min()) - 2.0 * bound.tie
+        boxes, scored = 0, 0
+        while True:
+            found = self.above(bound, score)
+            boxes, scored = boxes + found.boxes, scored + found.scored
+            chosen = _apart(found.poses, count, apart_m, apart_rad)
+            if len(chosen) == count or not found.certified or score <= bound.least:
+                break
+            # The seeds' places were apart from each other, but not all from the better ones: look lower.
+            score = max(bound.least, score - max(0.5 * (float(rough[2].max()) - score), 1e-3))
+        return Found(found.poses[chosen], found.scores[chosen], found.certified, found.gap, boxes, scored)
+
+    def rank(self, seen: Rays | Observation | Bound, xy: ArrayLike) -> float:
+        """Share of the positions whose best heading scores above that of (x, y), 0 (best) to 1 (paper, Sec. IV).
+
+        Args:
+            seen: the observation.
+            xy: (2,) m, the truth.
+        """
+        bound = self._bound(seen)
+        pyramid, profiles = self._part(bound.log)
+        truth = float(bound.dense(self._caster(xy), np.zeros(1, np.int64))[0][0])
+        left = descend(bound, pyramid, profiles, truth)
+        better = np.zeros(len(pyramid.mask) * LEAVES, bool)
+        for leaf, _, score in self._score(bound, pyramid, profiles, left, every=False):
+            better[leaf[score > truth]] = True
+        return float(np.count_nonzero(better)) / max(pyramid.positions, 1)
+
+    def heat_map(self, seen: Rays | Observation | Bound, stride: int = 10) -> tuple[Array, Float32, Array]:
+        """Best score over all headings on every ``stride``-th row and column of the lattice.
+
+        Args:
+            seen: the observation.
+            stride: lattice steps.
+
+        Returns:
+            (P, 2) positions, m; (P,) scores; (P,) headings they are at, rad.
+        """
+        if stride < 1:
+            raise GalocError(f"stride {stride}", "1 or more", "Use 10 for a map in steps of 0.1 m.")
+        bound = self._bound(seen)
+        pyramid, profiles = self._part(bound.log)
+        leaf = pyramid.leaves()
+        leaf = leaf[np.all(pyramid.grid.cells(leaf) % stride == stride // 2, axis=1)]
+        score, heading = np.empty(len(leaf), np.float32), np.empty(len(leaf), np.int16)
+        for which, rows in profiles.batches(leaf):
+            score[which], heading[which] = bound.dense(profiles.rows, rows)
+        return pyramid.grid.positions(leaf), score, wrap_angle(np.radians(heading, dtype=np.float64))
+
+    def _score(
+        self, bound: Bound, pyramid: Pyramid, profiles: LeafProfiles, left: Remainder, *, every: bool
+    ) -> Iterator[Scored]:
+        """Scores of what the boxes left; of densely scored positions the best heading, or ``every`` one."""
+        for which, rows in profiles.batches(left.leaves):
+            yield left.leaves[which], left.headings[which], bound.leaves(profiles.rows, rows, left.headings[which])
+        leaves = (left.blocks[:, None] * LEAVES + np.arange(LEAVES)).ravel()
+        leaves = leaves[pyramid.is_clear(leaves)]
+        for which, rows in profiles.batches(leaves):
+            if not every:
+                score, heading = bound.dense(profiles.rows, rows)
+                yield leaves[which], heading, score
+                continue
+            for part in range(0, len(rows), DENSE_PART):
+                volume = bound.volume(profiles.rows, rows[part : part + DENSE_PART])
+                heading = np.tile(np.arange(360, dtype=np.int16), len(volume))
+                yield np.repeat(leaves[which[part : part + DENSE_PART]], 360), heading, volume.ravel()
+
+    def _found(self, pyramid: Pyramid, poses: Scored, boxes: int, scored: int, gap: float) -> Found:
+        return Found(_poses(pyramid, poses), poses[2], gap == 0.0, gap, boxes, scored)
+
+
+def _poses(pyramid: Pyramid, poses: Scored) -> Array:
+    return np.column_stack([pyramid.grid.positions(poses[0]), wrap_angle(np.radians(poses[1], dtype=np.float64))])
+
+
+def _joined(parts: list[Scored]) -> Scored:
+    none: Scored = (np.zeros(0, np.int64), np.zeros(0, np.int16), np.zeros(0, np.float32))
+    leaf, heading, score = (np.concatenate(p) for p in zip(none, *parts, strict=True))
+    return leaf, heading, score
+
+
+def _best(poses: Scored, tie: float) -> Scored:
+    """The best pose, and those that may be it: equal up to rounding, the first ``TIES`` of them."""
+    near = np.flatnonzero(poses[2] >= poses[2].max() - np.float32(tie))
+    near = near[np.argsort(-poses[2][near], kind="stable")[:TIES]]
+    return poses[0][near], poses[1][near], poses[2][near]
+
+
+def _sorted(poses: Scored, most: int | None = None) -> Scored:
+    """Best first; equal ones by place, so that the order does not depend on how they were found."""
+    order = np.lexsort((poses[1], poses[0], -poses[2]))[:most]
+    return poses[0][order], poses[1][order], poses[2][order]
+
+
+def _apart(poses: Array, count: int, apart_m: float, apart_rad: float) -> Int:
+    """Poses (N, 3), best first: those that are apart from every better one chosen."""
+    x, y, heading = np.ascontiguousarray(poses.T)
+    return np.asarray(apart(x, y, heading, count, apart_m, apart_rad))

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from galoc._plane_kernel import CORNER_X, CORNER_Y, block_planes, listed, plane_poses
 from galoc._pyramid_kernel import LEAVES
 from galoc.fine import LEAF_X, LEAF_Y, LeafProfiles
-from galoc.nodes import Headings, Int, Nodes
-from galoc.pyramid import Level, Pyramid
+from galoc.pyramid import Headings, Int, Level, Nodes, Pyramid
 
 PART = 4096
 """Blocks whose planes are held at once (some 32 MB)."""

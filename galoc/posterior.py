@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from galoc.likelihood import Likelihood
-from galoc.match import distinct_peaks
 from galoc.observation import Observation
+from galoc.peaks import distinct_peaks
 from galoc.register import LOCAL_SD, Modes
 
 Array = NDArray[np.float64]

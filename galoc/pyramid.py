@@ -22,6 +22,7 @@ from galoc.profiles import CASTER_VERSION, CLEARANCE, Caster
 
 Int = NDArray[np.int64]
 Float32 = NDArray[np.float32]
+Headings = NDArray[np.int16]
 Codes = NDArray[np.uint16]
 
 WIDTHS = (1, 1, 1, 2, 4, 8)
@@ -55,6 +56,27 @@ class Level:
     """Leaves of a whole cell."""
     first_block: Int | None
     """(C + 1,) first block of each cell, where a cell holds several."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Nodes:
+    """Nodes of one level."""
+
+    cells: NDArray[np.int32]
+    """(N,) cell of the level."""
+    headings: Headings
+    """(N,) first whole degree of heading."""
+    scales: Float32 | None = None
+    """(N, 2) log scales that may still do, where the scoring narrows them down."""
+
+    def __len__(self) -> int:
+        """N."""
+        return len(self.cells)
+
+    def chosen(self, keep: NDArray[np.bool_]) -> Nodes:
+        """Those where ``keep`` is set."""
+        scales = None if self.scales is None else self.scales[keep]
+        return Nodes(self.cells[keep], self.headings[keep], scales)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -80,15 +80,20 @@ def chain_rays(
         m, s, spread = points[:, 0] / points[:, 1], 1.0 / points[:, 1], np.zeros((0, 0))
     else:
         m, s, spread = to_level(points, covariance)
-    log_range, variance, _ = chain_log_ranges(m, s, spread, np.asarray(walls, dtype=np.int64), azimuths)
+    log_range, variance, _ = chain_log_ranges(m, s, spread, _writable(walls), azimuths)
     return log_range, variance
+
+
+def _writable(walls: NDArray[np.int64]) -> NDArray[np.int64]:
+    """A copy: to numba a read-only array is another type, for which the kernel would be compiled once more."""
+    return np.array(walls, dtype=np.int64)
 
 
 def _with_variance(layout: Layout, camera: Camera, azimuths: Array) -> Rays:
     """Rays of a layout with covariance."""
     assert layout.covariance is not None
     m, s, spread = to_level(layout.points, layout.covariance)
-    log_range, variance, wall = chain_log_ranges(m, s, spread, layout.walls, azimuths)
+    log_range, variance, wall = chain_log_ranges(m, s, spread, _writable(layout.walls), azimuths)
     if layout.kind is not None and len(layout.walls):
         node_az, node_sd = np.arctan(m), np.sqrt(np.diag(spread)[::2]) / (1.0 + m**2)
         for side in (0, 1):

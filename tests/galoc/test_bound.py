@@ -10,9 +10,8 @@ from galoc import GalocError, Layout, Rays
 from galoc._pyramid_kernel import PHASES, ROW, _encode
 from galoc.bound import Bound, CosineBound
 from galoc.likelihood_bound import LikelihoodBound
-from galoc.nodes import Nodes
 from galoc.observation import Observation, observation
-from galoc.pyramid import Level
+from galoc.pyramid import Level, Nodes
 
 BOXES = 600
 

@@ -211,6 +211,23 @@ def test_corners_raise_the_true_pose() -> None:
         assert evidence[row, degree] > 0.5 * evidence.mean()
 
 
+@pytest.mark.parametrize("far", [1.0, 4.0])
+def test_a_corner_counts_by_its_range_wherever_it_is_in_the_image(far: float) -> None:
+    """An exact corner is off by as much as a cell is wide at its range, whatever its azimuth."""
+    azimuth = np.radians([-50.0, -20.0, 0.0, 35.0, 52.0])
+    count, blank = len(azimuth), np.zeros(109)
+    nodes = np.stack([np.tan(azimuth), 1.0 / (far * np.cos(azimuth))], axis=1)
+    corner = np.ones(count, bool)
+    seen = Observation(
+        blank, blank + np.inf, blank > 0.0, -np.radians(np.arange(109) - 54), nodes, np.zeros((2 * count, 2 * count)),
+        corner, corner.astype(np.int64), 0.1,
+    )  # fmt: skip
+    _, precision, most = likelihood()._corner_terms(seen)[1].astype(float)
+    off = FIELD.resolution / math.sqrt(12.0) / far
+    # Besides the cell, a tenth of a square degree for the whole degrees of headings and bearings. Float32.
+    np.testing.assert_allclose(precision * most, CODE_DEG**2 / (math.degrees(off) ** 2 + 0.1), rtol=1e-5)
+
+
 def test_blind_and_plain_observations() -> None:
     blind = seen_by(Wireframe.empty())
     assert blind.blind and np.isinf(blind.variance).all() and blind.share == 1.0

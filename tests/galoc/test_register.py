@@ -184,7 +184,12 @@ def test_cast_and_nearby_equal_plain_ones() -> None:
         distance = np.hypot(*np.moveaxis(points - [x, y], -1, 0)).min(axis=0)
         reach = 1.5
         clear = np.abs(distance - reach) > 2e-3
-        near = {tuple(w) for w in nearby(walls, x, y, reach)}
+        found, far = nearby(walls, x, y, reach)
+        near = {tuple(w) for w in found}
+        assert len(near) == len(found) == len(far)
+        assert np.all(np.diff(far) >= 0.0)
+        for wall, d in zip(found, far, strict=True):  # to what the sampled wall is off, 2 mm at most
+            assert abs(distance[(walls == wall).all(axis=1)][0] - d) < 2e-3
         for wall, d in zip(walls[clear], distance[clear], strict=True):
             assert (tuple(wall) in near) == (d < reach)
 

@@ -22,6 +22,9 @@ class LocalizerConfig:
     candidates: int | None = None
     """Cells that :meth:`Localizer.locate` looks at closely; None: 32 refined to 0.01 m (scoring "cosine"), 128
     registered to the map ("likelihood")."""
+    exact: bool = False
+    """Let :meth:`Localizer.locate` search the 0.01 m x 1 degree lattice exactly (scoring "cosine"; galoc.match). The
+    pyramid that this needs takes seconds to minutes to build, once per plan."""
     heights: tuple[float, float] | None = None
     """Known height of the camera and of the ceiling above the floor, m (geometry "ml"); None: unknown. Over a sequence
     they are learned."""

@@ -17,6 +17,7 @@ from galoc.floorplan import Floorplan
 from galoc.heights import Heights
 from galoc.layout import METHODS, solve_layout
 from galoc.likelihood import Likelihood
+from galoc.match import Matcher
 from galoc.observation import Observation, observation
 from galoc.peaks import search
 from galoc.plan_facts import manhattan
@@ -93,6 +94,13 @@ class Localizer:
         self._heights = config.prior(plan)
         self.likelihood = Likelihood(self.field) if likely else None
         """The map as scoring "likelihood" sees it; None with "cosine"."""
+        if config.exact and likely:
+            raise GalocError(
+                'exact=True with scoring "likelihood"',
+                'scoring "cosine": registration to the map, not the lattice, decides otherwise',
+                "Leave exact out, or ask galoc.Matcher for the best pose of the lattice.",
+            )
+        self._matcher = Matcher(plan) if config.exact else None
         self._tracker = Tracker(self.likelihood, self._heights, *spread) if self.likelihood is not None else None
 
     def _belief(self, noise: float, turn_rad: float) -> Belief:
@@ -170,7 +178,10 @@ class Localizer:
         if not rays.known.any():
             return Estimate(np.full(3, np.nan), 0.0, True, rays=rays, layout=layout)
         best = search(self.field, rays, count=self.config.candidates or 32).candidates
-        return Estimate(best[0, :3], confidence(rays), False, best, rays=rays, layout=layout)
+        if self._matcher is not None:
+            best = self._matcher.argmax(rays).before(best)
+        exact = self._matcher is not None
+        return Estimate(best[0, :3], confidence(rays), False, best, rays=rays, layout=layout, certified=exact)
 
     def _locate_by_likelihood(self, likelihood: Likelihood, seen: Observation, layout: Layout, rays: Rays) -> Estimate:
         if seen.blind:

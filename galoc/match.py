@@ -24,6 +24,7 @@ from galoc.observation import Observation
 from galoc.peaks import APART_M, APART_RAD
 from galoc.profiles import Caster
 from galoc.pyramid import Pyramid, build_pyramid
+from galoc.score import GAMMA
 from galoc.types import Rays
 
 Array = NDArray[np.float64]
@@ -59,6 +60,17 @@ class Found:
     """Boxes tested."""
     scored: int
     """Poses scored."""
+
+    def before(self, candidates: Array) -> Array:
+        """(C + 1 or less, 4) x, y, heading, similarity (cosine to the power 10): this pose, then what is apart from it.
+
+        Args:
+            candidates: (C, 4) of :func:`galoc.peaks.search`.
+        """
+        own = np.array([[*self.poses[0], float(self.scores[0]) ** GAMMA]])
+        far = np.hypot(*(candidates[:, :2] - own[0, :2]).T) >= APART_M
+        far |= np.abs(wrap_angle(candidates[:, 2] - own[0, 2])) >= APART_RAD
+        return np.concatenate([own, candidates[far]])
 
 
 class Matcher:

@@ -216,3 +216,5 @@ class Estimate:
     """The wall chain behind the rays."""
     entropy: float = float("nan")
     """Entropy of the belief after the step, nats; NaN for a single image."""
+    certified: bool = False
+    """True when no pose of the 0.01 m x 1 degree lattice fits the image better (``LocalizerConfig.exact``)."""

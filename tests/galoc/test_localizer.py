@@ -304,3 +304,33 @@ def test_estimates_below_the_wanted_confidence_count_as_abstained() -> None:
     estimate = strict.locate(visible_wireframe(PLAN, CAMERA, walk(0)[0][0], 1.4), (0.0, 0.0))
     assert estimate.abstained
     assert np.isfinite(estimate.pose).all() and estimate.confidence <= 1.0
+
+
+ROOMS = Floorplan.from_segments(
+    np.array(
+        [[0, 0, 5, 0], [5, 0, 5, 2], [5, 2, 3, 2], [3, 2, 3, 4], [3, 4, 0, 4], [0, 4, 0, 0], [1.5, 4, 1.5, 2.6]], float
+    )
+)
+"""An L with a stub of wall, 16 m2."""
+
+
+def test_exact_search_is_certified_and_never_worse() -> None:
+    plain = Localizer(ROOMS, CAMERA, geometry="paper", scoring="cosine")
+    exact = Localizer(ROOMS, CAMERA, geometry="paper", scoring="cosine", config=LocalizerConfig(exact=True))
+    rng = np.random.default_rng(5)
+    for x, y, heading in ((1.0, 1.0, 0.3), (4.0, 1.2, 2.5), (2.3, 3.1, -1.9), (0.8, 3.2, -0.6)):
+        seen = perturb(visible_wireframe(ROOMS, CAMERA, np.array([x, y, heading]), 1.4), CAMERA, 4.0, rng)
+        best, proven = plain.locate(seen, (0.0, 0.0)), exact.locate(seen, (0.0, 0.0))
+        assert proven.certified and not best.certified
+        # The grid search ends on another lattice (multiples of 1 cm, ours lies between): 2e-3 for half a step.
+        assert proven.candidates[0, 3] >= best.candidates[0, 3] - 2e-3
+        np.testing.assert_array_equal(proven.pose, proven.candidates[0, :3])
+        apart = np.hypot(*(proven.candidates[1:, :2] - proven.pose[:2]).T) >= 0.45
+        turned = np.abs(proven.candidates[1:, 2] - proven.pose[2]) >= math.radians(12.0)
+        assert np.all(apart | turned)
+    assert exact.locate(Wireframe.empty(), (0.0, 0.0)).abstained
+
+
+def test_exact_search_is_for_the_cosine() -> None:
+    with pytest.raises(GalocError, match="exact"):
+        Localizer(ROOMS, CAMERA, config=LocalizerConfig(exact=True))

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import convolve, convolve1d
 
 from galoc import Camera, Floorplan, Localizer, LocalizerConfig, Rays, Wireframe
-from galoc.cells import cosine_cells, likelihood_cells
-from galoc.localizer import FRAME_FLOOR, FRAME_TEMPER, FULL_EVERY, HOPELESS, LEAST_LOG_P, LISTED_SHARE, NEAR_M
+from galoc.cells import cosine_cells, likely_cells
+from galoc.localizer import FRAME_FLOOR, FRAME_TEMPER, FULL_EVERY, LEAST_LOG_P, NEAR_M
 from galoc.observation import Observation
 from galoc.particles import ParticleFilter
 from galoc.profiles import ProfileField
@@ -161,10 +161,9 @@ class Histogram(Method):
         if step.seen.blind:
             return None
         self.frames += 1
-        rows = self.belief.best_rows(HOPELESS)
-        everywhere = len(rows) > LISTED_SHARE * len(self.belief.positions) or self.frames % FULL_EVERY == 0
-        self.rows = None if everywhere else rows
-        return likelihood_cells(likelihood, step.seen, self.belief, self.rows)
+        everywhere = self.frames % FULL_EVERY == 0
+        scores, self.rows = likely_cells(likelihood, step.seen, self.belief, everywhere=everywhere)
+        return scores
 
     def fuse(self, step: Step, scores: Float32 | None) -> Array:
         """Take in the scores; the pose."""

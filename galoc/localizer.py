@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from galoc.belief import Belief, checked_odometry
 from galoc.camera import Camera, levelling
-from galoc.cells import cosine_cells, likelihood_cells
+from galoc.cells import cosine_cells, likely_cells
 from galoc.config import LocalizerConfig as LocalizerConfig
 from galoc.detect import Detector
 from galoc.errors import GalocError
@@ -36,16 +36,12 @@ FRAME_FLOOR = -12.0
 """No frame makes a pose less likely than this against its best one, nats: a wrong frame can be outvoted."""
 FIRST_CELLS = 64
 """Cells registered at the first view of a sequence."""
-HOPELESS = -20.0
-"""A position whose best heading is this much below the best pose, nats, is scored in each ``FULL_EVERY``-th frame."""
 LIKELY_HEADINGS = 72
 """Heading cells with scoring "likelihood"."""
 LEAST_LOG_P = -40.0
 """The belief keeps this much of every pose, nats below the best: what was ruled out by mistake can come back."""
-LISTED_SHARE, FULL_EVERY = 0.3, 20
-"""Share of positions above which all are scored anyway; see HOPELESS."""
-POOR_FIT = -25.0
-"""All are scored as well where no listed position has this log-likelihood: the belief is probably wrong."""
+FULL_EVERY = 20
+"""Each so-many-th frame is scored at all positions, hopeless ones too."""
 NEAR_RAD, LEAD = 0.35, 1.5
 """The tracker moves to the belief's peak where that is another place (further than 0.5 m or this, rad) with this many
 times the mass."""
@@ -247,12 +243,7 @@ class Localizer:
     def _add_frame(self, likelihood: Likelihood, seen: Observation) -> None:
         """Score one frame and fuse it; hopeless positions are looked at only now and then."""
         self._frames += 1
-        listed = self.belief.best_rows(HOPELESS)
-        everywhere = len(listed) > LISTED_SHARE * len(self.field.positions) or self._frames % FULL_EVERY == 0
-        rows = None if everywhere else listed
-        found = likelihood_cells(likelihood, seen, self.belief, rows)
-        if rows is not None and float(found.max()) < POOR_FIT:
-            rows, found = None, likelihood_cells(likelihood, seen, self.belief)
+        found, rows = likely_cells(likelihood, seen, self.belief, everywhere=self._frames % FULL_EVERY == 0)
         self.belief.add(found, LEAST_LOG_P, rows=rows, temper=FRAME_TEMPER, frame_floor=FRAME_FLOOR)
 
     def _leads(self, peak: NDArray[np.float64], tracked: NDArray[np.float64]) -> bool:

@@ -8,7 +8,7 @@ import pytest
 
 from galoc import Floorplan, GalocError
 from galoc.belief import Belief, gaussian_taps
-from galoc.cells import cosine_cells, likelihood_cells
+from galoc.cells import cosine_cells, likely_cells
 from galoc.likelihood import Likelihood
 from galoc.mass import LEAST
 from galoc.metrics import pose_error
@@ -373,7 +373,7 @@ def test_frames_are_scored_at_the_degrees_that_the_cells_hold(field: ProfileFiel
         rays = Rays(ranges, np.ones(109, bool), np.full(109, 1e-3))
         if scoring == "cosine":
             return cosine_cells(field, rays, belief)
-        return likelihood_cells(likelihood, observation(Layout.unknown("ml"), rays), belief)
+        return likely_cells(likelihood, observation(Layout.unknown("ml"), rays), belief, everywhere=True)[0]
 
     belief, turned = Belief(field, headings=36), Belief(field, headings=36)
     turned.predict((0.0, 0.0, math.radians(4.0)))

@@ -179,9 +179,10 @@ def leaf_cosines(profiles, rows, headings, start, seen, known, scale):  # type: 
             for i in range(ahead):
                 dot += seen[i] * wall[i]
                 energy += known[i] * wall[i] * wall[i]
-            wall = profiles[rows[q], : n - ahead]
+            more = min(n - ahead, BINS)  # what 360 rays are filled up with beyond has weight 0
+            wall = profiles[rows[q], :more]
             seen_rest, known_rest = seen[ahead:], known[ahead:]
-            for i in range(n - ahead):
+            for i in range(more):
                 dot += seen_rest[i] * wall[i]
                 energy += known_rest[i] * wall[i] * wall[i]
             t = dot / energy

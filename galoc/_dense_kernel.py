@@ -11,6 +11,8 @@ from galoc._correlation import GROUPS, SPAN, correlate
 from galoc._vector import load, spread, store
 
 BINS = 360
+UNROLLED = 2 * BINS + 16
+"""Two turns of a profile, and what 360 rays filled up to whole vectors reach beyond (with weight 0)."""
 CHUNK = 64
 """Positions of one parallel task."""
 
@@ -24,15 +26,16 @@ def cosines(profile, seen, start, runs, unrolled, squares, dot, energy):  # type
         seen: (n,) float32 observation of unit norm, 0 where unknown; n a multiple of LANES.
         start: bearing of its first ray relative to the heading, degrees.
         runs: (R, 2) start and stop of each run of known rays.
-        unrolled: (720,) float32 work space.
-        squares: (2, 720) float32 work space.
+        unrolled: (UNROLLED,) float32 work space.
+        squares: (2, UNROLLED) float32 work space.
         dot: (GROUPS * SPAN,) float32 work space.
         energy: (360,) float32 output.
     """
     n = seen.shape[0]
     unrolled[: BINS - start] = profile[start:]
     unrolled[BINS - start : 2 * BINS - start] = profile
-    unrolled[2 * BINS - start :] = profile[:start]
+    unrolled[2 * BINS - start : 2 * BINS] = profile[:start]
+    unrolled[2 * BINS :] = np.float32(0.0)
     for j in range(BINS + n):
         squares[0, j] = unrolled[j] * unrolled[j]
     dot[:] = np.float32(0.0)
@@ -80,8 +83,8 @@ def best_headings(profiles, rows, seen, start, runs):  # type: ignore[no-untyped
     best = np.empty(count, np.float32)
     heading = np.empty(count, np.int16)
     for chunk in prange((count + CHUNK - 1) // CHUNK):
-        unrolled = np.empty(2 * BINS, np.float32)
-        squares = np.empty((2, 2 * BINS), np.float32)
+        unrolled = np.empty(UNROLLED, np.float32)
+        squares = np.empty((2, UNROLLED), np.float32)
         dot = np.empty(GROUPS * SPAN, np.float32)
         cosine = np.empty(BINS, np.float32)
         for p in range(chunk * CHUNK, min(count, (chunk + 1) * CHUNK)):
@@ -98,8 +101,8 @@ def all_headings(profiles, rows, seen, start, runs):  # type: ignore[no-untyped-
     count = rows.shape[0]
     out = np.empty((count, BINS), np.float32)
     for chunk in prange((count + CHUNK - 1) // CHUNK):
-        unrolled = np.empty(2 * BINS, np.float32)
-        squares = np.empty((2, 2 * BINS), np.float32)
+        unrolled = np.empty(UNROLLED, np.float32)
+        squares = np.empty((2, UNROLLED), np.float32)
         dot = np.empty(GROUPS * SPAN, np.float32)
         for p in range(chunk * CHUNK, min(count, (chunk + 1) * CHUNK)):
             cosines(profiles[rows[p]], seen, start, runs, unrolled, squares, dot, out[p])
@@ -172,9 +175,9 @@ def some_headings(profiles, seen, known, start, headings):  # type: ignore[no-un
     count, n = profiles.shape[0], seen.shape[0]
     out = np.empty((count, headings.shape[0]), np.float32)
     for p in prange(count):
-        unrolled = np.empty(2 * BINS, np.float32)
+        unrolled = np.zeros(UNROLLED, np.float32)
         unrolled[:BINS] = profiles[p]
-        unrolled[BINS:] = profiles[p]
+        unrolled[BINS : 2 * BINS] = profiles[p]
         for h in range(headings.shape[0]):
             at = (headings[h] + start) % BINS
             wall = unrolled[at : at + n]

@@ -16,6 +16,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from galoc.checked import number, three
 from galoc.errors import GalocError
 from galoc.mass import LEAST, Mass
 from galoc.metrics import wrap_angle
@@ -28,6 +29,12 @@ EPSILON = 0.01
 """Keeps the weight of a pose above 0 where its score is 0 (paper epsilon)."""
 MOTIONS = ("carried", "paper")
 """What becomes of the part of a motion below one cell."""
+FAR = 1e9
+"""Cells beyond which a pose is just far away."""
+MOST_DIFFUSION = 1e6
+"""Anything beyond is as good as forgetting everything at each step."""
+MOST_WEIGHT = 10.0
+"""An observation counts for no more than this many: powers of it stay in float32."""
 LEAST_SPREAD = 0.4
 """Diffusion waits until it amounts to this many cells or bins (1 sd): a smaller Gaussian does not show on the grid."""
 
@@ -45,7 +52,7 @@ class Belief:
         kidnapped: probability per step that the camera was put anywhere.
 
     Raises:
-        GalocError: unknown motion, headings that do not divide 360, kidnapped that is no probability below 1.
+        GalocError: unknown motion, headings that do not divide 360, diffusion below 0, kidnapped not in [0, 1).
     """
 
     def __init__(
@@ -65,7 +72,8 @@ class Belief:
         self._kidnapped = checked_kidnapped(kidnapped)
         self._field = field
         self._carried = motion == "carried"
-        self._diffusion_m, self._diffusion_rad = diffusion_m, diffusion_rad
+        self._diffusion_m = number("diffusion_m", diffusion_m, 0.0, MOST_DIFFUSION, "m/m", "Use 0.")
+        self._diffusion_rad = number("diffusion_rad", diffusion_rad, 0.0, MOST_DIFFUSION, "rad", "Use 0.")
         self.positions = field.positions
         """(P, 2) m: grid positions."""
         self.resolution = field.resolution
@@ -128,7 +136,9 @@ class Belief:
         turn = math.remainder(math.degrees(step[2]) + self._left_over_deg, 360.0)
         bins = round(turn / self.group)
         if self._carried:
-            self._left_over = np.roll(shift - cells * self.resolution, bins, axis=0)
+            # Of astronomic motions rounding leaves more than a cell, of which none may remain.
+            rest = np.clip(shift - cells * self.resolution, -self.resolution, self.resolution)
+            self._left_over = np.roll(rest, bins, axis=0)
             self._left_over_deg = turn - bins * self.group
         if cells.any() or bins % self.headings:
             self._move(cells, bins)
@@ -186,7 +196,13 @@ class Belief:
             rows: (R,) positions that were scored; the others count as at ``frame_floor``.
             temper: weight of the observation.
             frame_floor: the observation makes no cell less likely than this against its best one, nats (untempered).
+
+        Raises:
+            GalocError: wrong shape or rows, no finite best value, a number out of range. The belief is as before then.
         """
+        number("least", least, -math.inf, 0.0, "nats", "Leave it out.")
+        number("temper", temper, 0.0, MOST_WEIGHT, cure="Use 1.")
+        number("frame_floor", frame_floor, -math.inf, 0.0, "nats", "Leave it out.")
         self._mass.weigh(log_likelihood, rows, least, temper, frame_floor)
 
     def update(self, scores: ArrayLike, confidence: float) -> None:
@@ -195,7 +211,11 @@ class Belief:
         Args:
             scores: (P, V) similarity in [0, 1].
             confidence: weight c.
+
+        Raises:
+            GalocError: wrong shape, scores outside [0, 1], or a weight out of range. The belief is as before then.
         """
+        number("confidence", confidence, 0.0, MOST_WEIGHT, cure="Use galoc.score.confidence.")
         self._mass.weigh_power(scores, EPSILON, confidence)
 
     def position_marginal(self) -> Array:
@@ -211,8 +231,9 @@ class Belief:
         return np.flatnonzero(self._mass.row_best > math.exp(least) * float(self._mass.row_best.max()))
 
     def _near(self, pose: Array, radius_m: float, angle_rad: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        column, row = np.floor((pose[:2] - self._field.origin) / self.resolution).astype(int)
-        reach = math.ceil(radius_m / self.resolution) + 1
+        at = np.clip((pose[:2] - self._field.origin) / self.resolution, -FAR, FAR)
+        column, row = np.floor(at).astype(int)
+        reach = math.ceil(min(radius_m / self.resolution, FAR)) + 1
         window = self._field.index[max(0, row - reach) : max(0, row + reach + 1)]
         window = window[:, max(0, column - reach) : max(0, column + reach + 1)]
         rows = window[window >= 0].astype(np.intp)
@@ -220,8 +241,14 @@ class Belief:
         return rows, np.flatnonzero(np.abs(wrap_angle(self.headings_rad - pose[2])) <= angle_rad)
 
     def mass_near(self, pose: ArrayLike, radius_m: float, angle_rad: float = math.pi) -> float:
-        """Probability within ``radius_m`` (m) and ``angle_rad`` (rad) of a pose (3,)."""
-        rows, columns = self._near(np.asarray(pose, dtype=np.float64), radius_m, angle_rad)
+        """Probability within ``radius_m`` (m) and ``angle_rad`` (rad) of a pose (3,).
+
+        Raises:
+            GalocError: no pose of three finite numbers, a radius or angle below 0.
+        """
+        number("radius_m", radius_m, 0.0, math.inf, "m")
+        number("angle_rad", angle_rad, 0.0, math.inf, "rad")
+        rows, columns = self._near(three("pose", pose, "(x, y, heading)"), radius_m, angle_rad)
         if len(columns) == self.headings:
             return float(self._mass.row_sum[rows].sum()) / self._mass.total
         return float(self._mass.cells(rows, columns).sum()) / self._mass.total
@@ -248,13 +275,7 @@ def checked_odometry(odometry: ArrayLike) -> Array:
     Raises:
         GalocError: not three finite numbers.
     """
-    try:
-        move = np.asarray(odometry, dtype=np.float64)
-    except (TypeError, ValueError):
-        move = np.empty(0)  # refused below like every other shape
-    if move.shape != (3,) or not np.all(np.isfinite(move)):
-        raise GalocError(f"odometry {odometry!r}", "(dx, dy, dheading), three finite numbers in m and rad", "Fix it.")
-    return move
+    return three("odometry", odometry, "(dx, dy, dheading)")
 
 
 def checked_headings(headings: object) -> int:

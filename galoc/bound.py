@@ -73,7 +73,7 @@ class CosineBound:
             then that of the best scale within.
 
     Raises:
-        GalocError: no known ray; bad scale.
+        GalocError: no known ray, too many rays, a known one without a range; bad scale.
     """
 
     log = False
@@ -81,8 +81,10 @@ class CosineBound:
     least, most, tie = 0.0, 1.0, 1e-6
 
     def __init__(self, rays: Rays, scale: tuple[float, float] | None = None) -> None:
-        if scale is not None and not 0.0 < scale[0] <= scale[1] < np.inf:
-            raise GalocError(f"scale = {scale!r}", "(least, greatest), both above 0", "Fix scale.")
+        if scale is not None:
+            low, high = scale if isinstance(scale, tuple | list) and len(scale) == 2 else (np.nan, np.nan)
+            if not (isinstance(low, float | int) and isinstance(high, float | int) and 0.0 < low <= high < np.inf):
+                raise GalocError(f"scale = {scale!r}", "(least, greatest), both above 0 and finite", "Fix scale.")
         unit = UnitRays.of(rays)
         n = len(unit.seen)
         self._unit, self._known, self._runs, self._start = unit.seen, unit.known, unit.runs, unit.start

@@ -13,7 +13,7 @@ MAX_NOTE = 60
 
 
 def cache(*, clear: bool = False) -> None:
-    """List what is kept on disk to start faster: range profiles of large plans.
+    """List what is kept on disk to start faster: range profiles of large plans, pyramids of the exact search.
 
     GALOC_CACHE names the folder ("off": keep nothing), GALOC_CACHE_GB its limit. It can be emptied at any time.
 

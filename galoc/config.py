@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from dataclasses import dataclass
 
-import numpy as np
-
-from galoc.belief import checked_headings, checked_kidnapped
+from galoc.belief import MOTIONS, checked_headings, checked_kidnapped
+from galoc.checked import number, whole
 from galoc.errors import GalocError
 from galoc.floorplan import Floorplan
 from galoc.heights import Heights
@@ -64,9 +63,19 @@ class LocalizerConfig:
             "odometry_turn_deg",
             "abstain_below",
         ):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < math.inf:
-                raise GalocError(f"{name} = {value!r}", "a finite number, 0 or more", "Fix the LocalizerConfig.")
+            number(name, getattr(self, name), 0.0, sys.float_info.max, cure="Fix the LocalizerConfig.")
+        for name in ("diffusion_m", "diffusion_rad"):
+            if getattr(self, name) is not None:
+                number(name, getattr(self, name), 0.0, sys.float_info.max, cure="Leave it out, or fix it.")
+        for name in ("exact", "ceiling_from_plan"):
+            if not isinstance(getattr(self, name), bool):
+                raise GalocError(f"{name} = {getattr(self, name)!r}", "True or False", "Fix the LocalizerConfig.")
+        if self.candidates is not None:
+            whole("candidates", self.candidates, 1, "Leave it out.")
+        if self.motion not in MOTIONS:
+            raise GalocError(f"motion {self.motion!r}", f"one of {MOTIONS}", "Use motion='carried'.")
+        if self.heights is not None and not (isinstance(self.heights, tuple | list) and len(self.heights) == 2):
+            raise GalocError(f"heights = {self.heights!r}", "(camera, ceiling) above the floor, m", "Fix it.")
         checked_kidnapped(self.kidnapped)
         if self.headings is not None:
             checked_headings(self.headings)

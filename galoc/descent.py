@@ -45,7 +45,8 @@ class Remainder:
     @classmethod
     def nothing(cls) -> Remainder:
         """Nothing is left."""
-        return cls(np.zeros(0, np.int64), np.zeros(0, np.int16), np.zeros(0, np.int64), 0)
+        none = np.zeros(0, np.float32)
+        return cls(np.zeros(0, np.int64), np.zeros(0, np.int16), np.zeros(0, np.int64), 0, none, none)
 
     def in_order(self) -> Iterator[Remainder]:
         """All of it in parts of some blocks, the most promising first; in one part where the limits are not known."""

@@ -29,6 +29,8 @@ _MORTON[LEAF_Y, LEAF_X] = _M
 CELL = 0.1
 """Widest cell of the free space that blocks are taken from, m: a cell that a wall runs through holds no leaf with the
 clearance of a camera."""
+MOST_BLOCKS = 1 << 21
+"""Most blocks of a lattice: boxes take some 2.6 kB each, casting their profiles 0.3 ms."""
 COARSEST = 4
 """Blocks along the side of the coarsest cell of the pyramid."""
 
@@ -66,7 +68,7 @@ class FineGrid:
         inside and has that clearance less half a diagonal: no wall fits between the two.
 
         Raises:
-            GalocError: the plan is too large, or has no free space.
+            GalocError: the plan is too large, or too large for this resolution, or has no free space.
         """
         side = SIDE * resolution
         parts = math.ceil(side / CELL - 1e-9)
@@ -88,6 +90,13 @@ class FineGrid:
             )
         corner = np.round(free.origin / free.resolution).astype(np.int64)
         blocks = np.unique((np.stack([cols, rows], axis=1) + corner) // parts, axis=0)
+        if len(blocks) > MOST_BLOCKS:
+            coarser = math.ceil(100.0 * resolution * math.sqrt(len(blocks) / MOST_BLOCKS)) / 100.0
+            raise GalocError(
+                f"a lattice of {len(blocks) * LEAVES:,} positions, {resolution:g} m apart",
+                f"at most {MOST_BLOCKS * LEAVES:,}",
+                f"Use a resolution of {coarser:g} m, or cut the plan into parts.",
+            )
         base = blocks.min(axis=0) // COARSEST * COARSEST
         blocks = blocks[np.argsort(_spread(blocks[:, 0] - base[0]) | _spread(blocks[:, 1] - base[1]) << 1)]
         width, height = blocks.max(axis=0) + 1 - base
@@ -95,9 +104,12 @@ class FineGrid:
         index[blocks[:, 1] - base[1], blocks[:, 0] - base[0]] = np.arange(len(blocks))
         padded = np.pad(ok, parts)
         leaf = ((np.stack([LEAF_X, LEAF_Y], axis=1) + 0.5) * parts / SIDE).astype(np.int64)
-        cell = blocks[:, None] * parts + leaf - corner + parts
-        inside = padded[cell[..., 1], cell[..., 0]].astype(np.uint64) << _M.astype(np.uint64)
-        return cls(resolution, blocks, base, index, np.bitwise_or.reduce(inside, axis=1))
+        inside = np.empty(len(blocks), np.uint64)
+        for part in range(0, len(blocks), 1 << 16):  # all at once would take a kilobyte a block
+            cell = blocks[part : part + (1 << 16), None] * parts + leaf - corner + parts
+            bits = padded[cell[..., 1], cell[..., 0]].astype(np.uint64) << _M.astype(np.uint64)
+            np.bitwise_or.reduce(bits, axis=1, out=inside[part : part + (1 << 16)])
+        return cls(resolution, blocks, base, index, inside)
 
     def cells(self, leaves: Int) -> Int:
         """(P, 2) column and row of leaves (P,) in the whole lattice."""

@@ -18,6 +18,8 @@ STRIDE = 4
 """Every fourth ray is scored where more than ``MANY_RAYS`` are told: of those 8 degrees apart, two vectors."""
 COST_SLACK = 2e-3
 """Added to a cost before a box is dropped: float32 sums of some 40 costs of up to 20 err by less."""
+MOST_LOG = math.log(1e5)
+"""No wall is seen further away than this, nor nearer than its inverse: log m."""
 DENSE_PART = 20_000
 """Positions whose headings are all held at once."""
 
@@ -33,7 +35,7 @@ class LikelihoodBound:
         resolution: step of the positions, m.
 
     Raises:
-        GalocError: the observation has no range and no limit.
+        GalocError: the observation has no range and no limit, more than 360 rays, or ranges that are no lengths.
     """
 
     log, tie = True, 2e-4
@@ -41,6 +43,15 @@ class LikelihoodBound:
     most = 0.0
 
     def __init__(self, seen: Observation, resolution: float) -> None:
+        if len(seen.log_range) > 360:
+            raise GalocError(
+                f"{len(seen.log_range)} rays", "at most 360, a degree apart", "Leave out those seen twice."
+            )
+        given = np.isfinite(seen.variance)
+        if not (seen.variance >= 0.0).all() or not (np.abs(seen.log_range[given]) < MOST_LOG).all():  # NaN: false
+            raise GalocError(
+                "an observation with NaN or absurd ranges", "ranges in m, variances of 0 or more", "Check its rays."
+            )
         precision = 1.0 / (seen.variance + pose_variance(seen, resolution))
         told = np.flatnonzero(precision > 0.0)
         if len(told) == 0:

@@ -121,11 +121,14 @@ class Mass:
         self, scores: ArrayLike, rows: NDArray[np.intp] | None, least: float, temper: float, frame_floor: float
     ) -> None:
         """Multiply by a likelihood given as logarithm; see :meth:`galoc.belief.Belief.add`."""
-        values = self._checked(scores, rows)
         slot = self._all
         if rows is not None:
             slot = np.full(len(self._p), -1)
-            slot[rows] = self._all[: len(rows)]
+            rows = which = self._checked_rows(rows, slot)
+            slot[which] = self._all[: len(which)]
+            if not np.array_equal(slot[which], self._all[: len(which)]):
+                raise GalocError("rows that name a position twice", "each position once", "Use numpy.unique.")
+        values = self._checked(scores, rows)
         top = np.float32(values.max(initial=-math.inf))
         if not math.isfinite(top):
             raise GalocError(f"best log-likelihood {top}", "a finite number", "Leave frames out that say nothing.")
@@ -139,7 +142,11 @@ class Mass:
 
     def weigh_power(self, scores: ArrayLike, epsilon: float, power: float) -> None:
         """Multiply by (epsilon + score)^power; scores (P, V) in [0, 1]."""
-        how = (self._checked(scores), np.float32(epsilon), np.float32(power))
+        values = self._checked(scores)
+        low, high = float(values.min()), float(values.max())
+        if not (low >= 0.0 and high <= 1.0 + 1e-3):  # NaN compares false
+            raise GalocError(f"scores from {low:g} to {high:g}", "similarities from 0 to 1", "Use add for others.")
+        how = (values, np.float32(epsilon), np.float32(power))
         scale = self._scale(BOOST)
         kernel.weigh_power(self._p, self._live, self._floor, scale, *how, self.row_best)
         lowest = self._lowest(LEAST, epsilon**power)
@@ -147,11 +154,23 @@ class Mass:
         self._settle(lowest)
 
     def _checked(self, values: ArrayLike, rows: NDArray[np.intp] | None = None) -> Float32:
-        out = np.ascontiguousarray(values, dtype=np.float32)
+        given = np.asarray(values)
+        if given.dtype.kind not in "biuf":
+            raise GalocError(f"values of dtype {given.dtype}", "real numbers", "Convert them to float32.")
+        out = np.ascontiguousarray(given, dtype=np.float32)
         expected = (len(self._p) if rows is None else len(rows), self._p.shape[1])
         if out.shape != expected:
             raise GalocError(f"values of shape {out.shape}", f"{expected}: positions x headings", "Score its cells.")
         return out
+
+    def _checked_rows(self, rows: ArrayLike, slot: NDArray[np.int64]) -> NDArray[np.intp]:
+        which = np.asarray(rows)
+        if which.ndim != 1 or (which.size and which.dtype.kind not in "iu"):
+            raise GalocError(f"rows of {which.dtype} {which.shape}", "(R,) whole numbers", "Use numpy.flatnonzero.")
+        if which.size and not 0 <= which.min() <= which.max() < len(slot):
+            got = f"rows from {which.min()} to {which.max()}"
+            raise GalocError(got, f"positions from 0 to {len(slot) - 1}", "Fix rows.")
+        return which.astype(np.intp)
 
     def _scale(self, to: float) -> np.float32:
         """Factor of live cells that makes the total ``to``; idle rows take it at once."""

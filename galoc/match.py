@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from galoc._peaks_kernel import apart
 from galoc._pyramid_kernel import LEAVES
 from galoc.bound import Bound, CosineBound
+from galoc.checked import number, place_inside, whole
 from galoc.climb import Scored, climb
 from galoc.descent import Remainder, descend
 from galoc.errors import GalocError
@@ -32,6 +34,8 @@ Int = NDArray[np.int64]
 Headings = NDArray[np.int16]
 Float32 = NDArray[np.float32]
 
+STEPS = (0.001, 1.0)
+"""Smallest and largest step of the positions, m."""
 SEEDS = 16
 """Local searches that find a good score to beat."""
 LEAF_MEMORY = 1 << 30
@@ -76,18 +80,31 @@ class Found:
 class Matcher:
     """Exact search over one plan.
 
+    Profiles are kept between searches, so that one matcher serves one thread at a time. Give each thread its own
+    ``copy.copy``: copies share the pyramids, not the profiles.
+
     Args:
         plan: the map.
-        resolution: step of the positions, m.
+        resolution: step of the positions, m, from 0.001 to 1.
         leaf_memory: bytes for single profiles.
+
+    Raises:
+        GalocError: no floorplan, or a number out of range.
     """
 
     def __init__(self, plan: Floorplan, resolution: float = 0.01, *, leaf_memory: int = LEAF_MEMORY) -> None:
-        self.plan, self.resolution = plan, resolution
+        if not isinstance(plan, Floorplan):
+            raise GalocError(f"a plan of type {type(plan).__name__}", "a galoc.Floorplan", "Use Floorplan.load.")
+        self.plan = plan
+        self.resolution = number("resolution", resolution, *STEPS, "m", "Use 0.01.")
         self._caster = Caster(plan)
-        self._memory = leaf_memory
+        self._memory = int(number("leaf_memory", leaf_memory, 0, 1 << 50, "bytes", "Leave it out."))
         self._pyramids: dict[bool, Pyramid] = {}
         self._leaves: LeafProfiles | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies and other processes: without the profiles, which are cast again where they are needed."""
+        return self.__dict__ | {"_leaves": None}
 
     def pyramid(self, log: bool = False) -> Pyramid:
         """The boxes of ranges or log ranges; built, or loaded from the disk cache, when first needed."""
@@ -104,7 +121,12 @@ class Matcher:
     def _bound(self, seen: Rays | Observation | Bound) -> Bound:
         if isinstance(seen, Rays):
             return CosineBound(seen)
-        return LikelihoodBound(seen, self.resolution) if isinstance(seen, Observation) else seen
+        if isinstance(seen, Observation):
+            return LikelihoodBound(seen, self.resolution)
+        if not hasattr(seen, "planes"):
+            got = f"an observation of type {type(seen).__name__}"
+            raise GalocError(got, "Rays, an Observation or a bound of one", "Pass the rays of Localizer.observe.")
+        return seen
 
     def argmax(self, seen: Rays | Observation | Bound, *, seconds: float = math.inf) -> Found:
         """The best pose of the lattice.
@@ -112,8 +134,9 @@ class Matcher:
         Args:
             seen: the observation; rays are scored by the cosine (paper), an observation by the likelihood.
             seconds: stop after about this time: what was found by then is not certified, and says how far off it can
-                be. For large plans whose profiles have not been cast yet.
+                be. For large plans whose profiles have not been cast yet; building the pyramid does not count.
         """
+        number("seconds", seconds, 0.0, math.inf, "s", "Leave it out to search to the end.")
         bound = self._bound(seen)
         pyramid, profiles = self._part(bound.log)
         end = time.monotonic() + seconds
@@ -141,6 +164,8 @@ class Matcher:
             score: threshold.
             most: poses to list at most. Where there are more, the best of them are listed, which is not certified.
         """
+        score = number("score", score, -math.inf, math.inf, cure="Give the score that the poses are to reach.")
+        most = whole("most", most, 1, "Ask for at least one pose.")
         bound = self._bound(seen)
         pyramid, profiles = self._part(bound.log)
         left = descend(bound, pyramid, profiles, score)
@@ -163,8 +188,9 @@ class Matcher:
             apart_m: poses nearer than this ...
             apart_rad: ... and turned by less than this from a better one do not count.
         """
-        if count < 1:
-            raise GalocError(f"count = {count}", "1 or more", "Ask for at least one pose.")
+        count = whole("count", count, 1, "Ask for at least one pose.")
+        apart_m = number("apart_m", apart_m, 0.0, math.inf, "m", "Leave it out.")
+        apart_rad = number("apart_rad", apart_rad, 0.0, math.inf, "rad", "Leave it out.")
         bound = self._bound(seen)
         pyramid, profiles = self._part(bound.log)
         rough = _sorted(climb(bound, pyramid, profiles, max(SEEDS, 4 * count)))
@@ -188,10 +214,13 @@ class Matcher:
         Args:
             seen: the observation.
             xy: (2,) m, the truth.
+
+        Raises:
+            GalocError: no position inside the building.
         """
-        bound = self._bound(seen)
+        place, bound = place_inside(self.plan, xy), self._bound(seen)
         pyramid, profiles = self._part(bound.log)
-        truth = float(bound.dense(self._caster(xy), np.zeros(1, np.int64))[0][0])
+        truth = float(bound.dense(self._caster(place), np.zeros(1, np.int64))[0][0])
         left = descend(bound, pyramid, profiles, truth)
         better = np.zeros(len(pyramid.mask) * LEAVES, bool)
         for leaf, _, score in self._score(bound, pyramid, profiles, left, every=False):
@@ -208,12 +237,13 @@ class Matcher:
         Returns:
             (P, 2) positions, m; (P,) scores; (P,) headings they are at, rad.
         """
-        if stride < 1:
-            raise GalocError(f"stride {stride}", "1 or more", "Use 10 for a map in steps of 0.1 m.")
+        stride = min(whole("stride", stride, 1, "Use 10 for a map in steps of 0.1 m."), 1 << 40)
         bound = self._bound(seen)
         pyramid, profiles = self._part(bound.log)
         leaf = pyramid.leaves()
         leaf = leaf[np.all(pyramid.grid.cells(leaf) % stride == stride // 2, axis=1)]
+        if len(leaf) == 0:
+            raise GalocError(f"stride = {stride}", "a stride that meets a position of the plan", "Use a smaller one.")
         score, heading = np.empty(len(leaf), np.float32), np.empty(len(leaf), np.int16)
         for which, rows in profiles.batches(leaf):
             score[which], heading[which] = bound.dense(profiles.rows, rows)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from galoc.chain import to_level
+from galoc.score import checked_rays
 from galoc.types import BORDER, CORNER, Layout, Rays
 
 Array = NDArray[np.float64]
@@ -71,7 +72,11 @@ def observation(layout: Layout, rays: Rays) -> Observation:
     Args:
         layout: from :func:`galoc.solve_layout`.
         rays: from :func:`galoc.rays.cast_rays` of it.
+
+    Raises:
+        GalocError: as :func:`galoc.score.checked_rays`.
     """
+    rays = checked_rays(rays)
     limited = np.zeros(len(rays.known), dtype=bool) if rays.limit is None else np.isfinite(rays.limit)
     limit = np.ones(len(rays.known)) if rays.limit is None else rays.limit
     log_range = np.where(rays.known, np.log(np.where(rays.known, rays.range, 1.0)), 0.0)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from galoc.belief import checked_odometry
+from galoc.checked import number, whole
 from galoc.errors import GalocError
 from galoc.likelihood import Likelihood
 from galoc.metrics import wrap_angle
@@ -43,7 +44,7 @@ class ParticleFilter:
         odometry_turn_rad: standard deviation of the heading change of a step that moves, rad.
 
     Raises:
-        GalocError: less than one particle.
+        GalocError: less than one particle, noise below 0.
     """
 
     def __init__(
@@ -55,11 +56,12 @@ class ParticleFilter:
         odometry_noise: float = 0.02,
         odometry_turn_rad: float = math.radians(0.5),
     ) -> None:
-        if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
-            raise GalocError(f"count = {count!r}", "a positive number of particles", "Use 5000.")
+        if not isinstance(rng, np.random.Generator):
+            raise GalocError(f"rng = {rng!r}", "a numpy Generator", "Use numpy.random.default_rng(seed).")
         self.likelihood, self.field = likelihood, likelihood.field
-        self.count, self._rng = int(count), rng
-        self._noise, self._turn = odometry_noise, odometry_turn_rad
+        self.count, self._rng = whole("count", count, 1, "Use 5000."), rng
+        self._noise = number("odometry_noise", odometry_noise, 0.0, 1e6)
+        self._turn = number("odometry_turn_rad", odometry_turn_rad, 0.0, 1e6, "rad")
         self.reset()
 
     def reset(self) -> None:
@@ -91,7 +93,8 @@ class ParticleFilter:
     def rows(self) -> NDArray[np.int64]:
         """(C,) grid position of the cell that each particle is in, -1 outside the free space."""
         field = self.field
-        column, row = np.floor((self.poses[:, :2] - field.origin) / field.resolution).astype(np.int64).T
+        cells = np.floor((self.poses[:, :2] - field.origin) / field.resolution)
+        column, row = np.clip(cells, -1.0, 1e9).astype(np.int64).T
         height, width = field.index.shape
         inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
         return np.where(inside, field.index[np.where(inside, row, 0), np.where(inside, column, 0)], -1).astype(np.int64)

@@ -21,11 +21,34 @@ CONFIDENCE_FLOOR = 0.01
 """Least weight of an observation (paper c_min)."""
 SCORINGS = ("likelihood", "cosine")
 """Scorings: galoc.likelihood, and the paper's."""
+MOST_RAYS = 360
+"""A full turn, a degree apart."""
+RANGES = (1e-9, 1e9)
+"""Ranges of known rays lie between these, in whatever scale: their squares stay in float32 once they are normed."""
 
 
 def confidence(rays: Rays) -> float:
     """The paper's c = (|K| / N_r)^2, floored at 0.01."""
     return max(CONFIDENCE_FLOOR, rays.coverage**2)
+
+
+def checked_rays(rays: Rays) -> Rays:
+    """Rays that the kernels can take.
+
+    Raises:
+        GalocError: shapes that differ, too many rays, or a known one whose range is no positive number.
+    """
+    known, ranges = np.asarray(rays.known), np.asarray(rays.range)
+    if known.ndim != 1 or ranges.shape != known.shape or known.dtype.kind not in "bi" or ranges.dtype.kind not in "fi":
+        got = f"rays with range {ranges.dtype} {ranges.shape} and known {known.dtype} {known.shape}"
+        raise GalocError(got, "(n,) numbers and (n,) booleans", "Give one of each per ray.")
+    if len(known) > MOST_RAYS:
+        raise GalocError(f"{len(known)} rays", f"at most {MOST_RAYS}, a degree apart", "Leave out those behind.")
+    known = known.astype(bool)
+    if known.any() and not (ranges[known].min() >= RANGES[0] and ranges[known].max() <= RANGES[1]):  # NaN: false
+        bad = int(np.flatnonzero(known)[~((ranges[known] >= RANGES[0]) & (ranges[known] <= RANGES[1]))][0])
+        raise GalocError(f"range {ranges[bad]} of known ray {bad}", "a number above 0", "Set known to False there.")
+    return Rays(ranges, known, rays.variance, rays.limit)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +71,9 @@ class UnitRays:
         """Those of an observation.
 
         Raises:
-            GalocError: no known ray.
+            GalocError: no known ray, or as :func:`checked_rays`.
         """
+        rays = checked_rays(rays)
         if not rays.known.any():
             raise GalocError("an observation without a known ray", "at least one", "Check rays.known first: abstain.")
         edge = np.diff(np.concatenate([[0], rays.known.astype(np.int8), [0]]))
@@ -89,9 +113,12 @@ def score_volume(profiles: Float32, rays: Rays, headings_deg: NDArray[np.int64] 
 
     Returns:
         (P, V) float32 in [0, 1].
+
+    Raises:
+        GalocError: as :func:`checked_rays`.
     """
     headings = np.arange(360, dtype=np.int64) if headings_deg is None else np.asarray(headings_deg, dtype=np.int64)
-    if not rays.known.any():
+    if not np.any(rays.known):
         return np.zeros((len(profiles), len(headings)), np.float32)
     unit = UnitRays.of(rays)
     seen, rows = unit.seen.astype(np.float32), np.arange(len(profiles))

@@ -422,3 +422,70 @@ def test_bad_observations(field: ProfileField) -> None:
     for weights in (np.zeros(belief.p.shape), np.full(belief.p.shape, -1.0), np.full(belief.p.shape, np.nan)):
         with pytest.raises(GalocError, match="weights"):
             belief.set(weights)
+
+
+@pytest.mark.parametrize("name", ["diffusion_m", "diffusion_rad"])
+@pytest.mark.parametrize("value", [-1.0, math.nan, math.inf, "x", None, True])
+def test_bad_diffusion(field: ProfileField, name: str, value: Any) -> None:
+    with pytest.raises(GalocError, match=name):
+        Belief(field, **{name: value})
+
+
+def test_refused_observations_leave_the_belief_as_it_was(field: ProfileField) -> None:
+    belief = Belief(field, headings=36)
+    scores = np.random.default_rng(4).random(belief.p.shape)
+    belief.update(scores, 1.0)
+    before, entropy = belief.p.copy(), belief.entropy()
+    one_bad = {
+        bad: np.where(np.arange(scores.size).reshape(scores.shape) == 5, bad, scores) for bad in (math.nan, -1.0)
+    }
+    few = scores[:3]
+    refused: list[tuple[str, Any]] = [
+        ("scores", lambda: belief.update(one_bad[math.nan], 1.0)),
+        ("scores", lambda: belief.update(one_bad[-1.0], 1.0)),
+        ("scores", lambda: belief.update(scores * math.inf, 1.0)),
+        ("dtype", lambda: belief.update("x", 1.0)),
+        ("confidence", lambda: belief.update(scores, math.nan)),
+        ("confidence", lambda: belief.update(scores, 1e9)),
+        ("finite", lambda: belief.add(one_bad[math.nan])),
+        ("temper", lambda: belief.add(scores, temper=-1.0)),
+        ("frame_floor", lambda: belief.add(scores, frame_floor=math.nan)),
+        ("least", lambda: belief.add(scores, 1.0)),
+        ("positions from 0", lambda: belief.add(few, rows=np.array([0, 1, len(scores)]))),
+        ("positions from 0", lambda: belief.add(few, rows=np.array([0, 1, -1]))),
+        ("twice", lambda: belief.add(few, rows=np.array([0, 1, 1]))),
+        ("whole numbers", lambda: belief.add(few, rows=np.array([0.0, 1.0, 2.0]))),  # type: ignore[arg-type]
+    ]
+    for words, ask in refused:
+        with pytest.raises(GalocError, match=words):
+            ask()
+        np.testing.assert_array_equal(belief.p, before)
+        assert belief.entropy() == entropy
+
+
+@pytest.mark.parametrize("distance", [3.3e19, 1.7e250])
+def test_an_astronomic_motion_leaves_nothing_to_carry(field: ProfileField, distance: float) -> None:
+    """Rounding leaves more than the plan of it, which must not be added to what is found later."""
+    belief = Belief(field)
+    belief.predict((distance, 0.3 * distance, 0.7))  # out of the plan: uniform again
+    seen = np.full(belief.p.shape, -60.0)
+    seen[field.nearest((4.05, 3.05)), 90] = 0.0
+    belief.add(seen)
+    assert np.hypot(*(belief.peak()[:2] - (4.05, 3.05))) < 2.0 * field.resolution  # a cell of carried rest each way
+
+
+@pytest.mark.parametrize("pose", [(1.0, 1.0), "x", (math.nan, 1.0, 0.0)])
+def test_bad_poses(field: ProfileField, pose: Any) -> None:
+    belief = Belief(field, headings=36)
+    with pytest.raises(GalocError, match="pose"):
+        belief.mass_near(pose, 0.5)
+    with pytest.raises(GalocError, match="radius_m"):
+        belief.mass_near((1.0, 1.0, 0.0), math.nan)
+    assert belief.mass_near((1e30, 0.0, 0.0), 0.5) == 0.0
+
+
+def test_rays_that_cannot_be_scored_are_refused(field: ProfileField) -> None:
+    for count in (353, 721):
+        rays = Rays(np.ones(count), np.ones(count, bool), np.full(count, np.nan))
+        with pytest.raises(GalocError, match="at most 352"):
+            cosine_cells(field, rays, Belief(field))

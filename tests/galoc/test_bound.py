@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -136,3 +137,50 @@ def test_bad_observations_are_named() -> None:
     for scale in ((0.0, 1.0), (2.0, 1.0), (1.0, math.inf), (math.nan, 1.0)):
         with pytest.raises(GalocError, match="scale"):
             CosineBound(some, scale)
+
+
+def some_rays(count: int = 61, **parts: Any) -> Rays:
+    given = {"range": np.linspace(1.0, 2.0, count), "known": np.ones(count, bool), "variance": np.full(count, 0.01)}
+    return Rays(**(given | parts))
+
+
+@pytest.mark.parametrize(
+    ("rays", "cure"),
+    [
+        (some_rays(361), "at most 360"), (some_rays(721), "at most 360"), (some_rays(range=np.zeros(61)), "above 0"),
+        (some_rays(range=np.full(61, np.nan)), "above 0"), (some_rays(range=np.full(61, np.inf)), "above 0"),
+        (some_rays(range=np.full(61, -1.0)), "above 0"), (some_rays(range=np.ones(30)), "booleans"),
+        (some_rays(range=np.full(61, "1")), "numbers"), (some_rays(known=np.full(61, 0.5)), "booleans"),
+    ],
+)  # fmt: skip
+def test_rays_that_the_kernels_cannot_take_are_refused(rays: Rays, cure: str) -> None:
+    """Too many rays would be read from beyond the profile, NaN would spread to every score."""
+    with pytest.raises(GalocError, match=cure):
+        CosineBound(rays)
+
+
+def test_unknown_rays_may_hold_anything() -> None:
+    known = np.arange(61) > 30
+    clean, dirty = (
+        some_rays(known=known),
+        some_rays(known=known, range=np.where(known, np.linspace(1.0, 2.0, 61), np.nan)),
+    )
+    profiles = np.random.default_rng(0).uniform(1.0, 5.0, (1, 360)).astype(np.float32)
+    scores = [CosineBound(rays).volume(profiles, np.zeros(1, np.int64)) for rays in (clean, dirty)]
+    np.testing.assert_array_equal(*scores)
+
+
+@pytest.mark.parametrize("scale", [(0.0, 1.0), (2.0, 1.0), (np.nan, 1.0), (1.0, np.inf), (1.0,), 1.0, "ab", (1, 2, 3)])
+def test_bad_scales_are_named(scale: Any) -> None:
+    with pytest.raises(GalocError, match="scale"):
+        CosineBound(some_rays(), scale)
+
+
+@pytest.mark.parametrize("log_range", [np.nan, np.inf, 100.0, -100.0])
+def test_observations_without_lengths_are_refused(log_range: float) -> None:
+    seen = observation(Layout.unknown("ml"), some_rays())
+    seen.log_range[7] = log_range
+    with pytest.raises(GalocError, match="absurd ranges"):
+        LikelihoodBound(seen, 0.01)
+    with pytest.raises(GalocError, match="361 rays"):
+        LikelihoodBound(observation(Layout.unknown("ml"), some_rays(361)), 0.01)

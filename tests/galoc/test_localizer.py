@@ -334,3 +334,16 @@ def test_exact_search_is_certified_and_never_worse() -> None:
 def test_exact_search_is_for_the_cosine() -> None:
     with pytest.raises(GalocError, match="exact"):
         Localizer(ROOMS, CAMERA, config=LocalizerConfig(exact=True))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("exact", "yes"), ("exact", 1), ("ceiling_from_plan", "yes"), ("candidates", 0), ("candidates", "x"),
+        ("motion", "rounded"), ("diffusion_m", -1.0), ("diffusion_m", "x"), ("diffusion_rad", math.nan),
+        ("heights", 1.4), ("heights", (1.4,)), ("heights", "ab"),
+    ],
+)  # fmt: skip
+def test_config_refuses_what_is_of_the_wrong_kind(name: str, value: Any) -> None:
+    with pytest.raises(GalocError, match=name):
+        LocalizerConfig(**{name: value})

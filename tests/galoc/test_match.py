@@ -1,9 +1,12 @@
 """The exact SE(2) search against every pose of the lattice, scored in float64."""
 
+import copy
 import dataclasses
 import itertools
 import math
+import pickle
 from types import SimpleNamespace
+from typing import Any
 
 import numba
 import numpy as np
@@ -451,3 +454,64 @@ def test_what_cannot_be_searched_is_named(monkeypatch: pytest.MonkeyPatch, rooms
     monkeypatch.setattr("galoc.freespace.MAX_CELLS", 2_000)
     with pytest.raises(GalocError, match="exact search over a plan"):
         Matcher(Floorplan.from_segments(PLANS["L"].segments)).pyramid()
+
+
+@pytest.mark.parametrize("resolution", [0, -0.01, math.nan, math.inf, 1e-9, 3.0, "x", None, True, [0.01]])
+def test_bad_resolutions_are_named(resolution: Any) -> None:
+    with pytest.raises(GalocError, match="resolution"):
+        Matcher(PLANS["L"], resolution)
+
+
+def test_what_is_no_plan_and_no_observation_is_named(rooms: dict) -> None:
+    with pytest.raises(GalocError, match="plan of type str"):
+        Matcher("office")  # type: ignore[arg-type]
+    with pytest.raises(GalocError, match="leaf_memory"):
+        Matcher(PLANS["L"], leaf_memory=math.nan)  # type: ignore[arg-type]
+    for seen in (None, np.ones(5)):
+        with pytest.raises(GalocError, match="observation of type"):
+            rooms["L", "cosine"].matcher.argmax(seen)
+
+
+def test_single_precision_resolutions_are_the_same_number() -> None:
+    assert Matcher(PLANS["L"], np.float32(0.125)).pyramid().positions == Matcher(PLANS["L"], 0.125).pyramid().positions  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("method", "arguments", "name"),
+    [
+        ("argmax", {"seconds": -1.0}, "seconds"), ("argmax", {"seconds": math.nan}, "seconds"),
+        ("above", {"score": math.nan}, "score"), ("above", {"score": "x"}, "score"),
+        ("above", {"score": 0.9, "most": 0}, "most"), ("above", {"score": 0.9, "most": -1}, "most"),
+        ("topk", {"count": 0}, "count"), ("topk", {"count": 1.5}, "count"),
+        ("topk", {"count": 2, "apart_m": -1}, "apart_m"), ("topk", {"count": 2, "apart_rad": math.nan}, "apart_rad"),
+        ("heat_map", {"stride": 1.5}, "stride"), ("heat_map", {"stride": 10**30}, "stride"),
+        ("rank", {"xy": (99.0, 99.0)}, "position"), ("rank", {"xy": (1.0, math.nan)}, "position"),
+        ("rank", {"xy": (1.0, 1.0, 1.0)}, "position"), ("rank", {"xy": "x"}, "position"),
+    ],
+)  # fmt: skip
+def test_bad_questions_are_named(method: str, arguments: dict, name: str, rooms: dict) -> None:
+    rays, _ = look(rooms["L", "cosine"], 1, 80, arcs=False, noise=0.0)
+    with pytest.raises(GalocError, match=name):
+        getattr(rooms["L", "cosine"].matcher, method)(rays, **arguments)
+
+
+def test_a_perfect_score_needs_no_time(rooms: dict) -> None:
+    """No pose beats a cosine of 1: whatever the time, the answer is certified and nothing can be better."""
+    dense = rooms["L", "cosine"]
+    rays = Rays(np.ones(1), np.ones(1, bool), np.full(1, np.nan))
+    found = dense.matcher.argmax(rays, seconds=0.0)
+    assert found.certified and found.gap == 0.0 and found.scores[0] == pytest.approx(1.0, abs=1e-5)
+
+
+def test_copies_share_boxes_and_keep_their_own_profiles(rooms: dict) -> None:
+    """What a thread needs; and a pickle is not swollen by profiles, 92 kB a block."""
+    dense = rooms["L", "cosine"]
+    rays, _ = look(dense, 3, 80, arcs=False, noise=0.05)
+    best = dense.matcher.argmax(rays)
+    other = copy.copy(dense.matcher)
+    assert other.pyramid() is dense.matcher.pyramid()
+    np.testing.assert_array_equal(other.argmax(rays).poses, best.poses)
+    assert other._leaves is not dense.matcher._leaves
+    far = pickle.loads(pickle.dumps(dense.matcher))
+    assert far._leaves is None
+    np.testing.assert_array_equal(far.argmax(rays).poses, best.poses)

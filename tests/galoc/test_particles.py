@@ -127,3 +127,20 @@ def test_a_heading_across_the_wrap_is_averaged_on_the_circle(localizer: Localize
 def test_bad_count(localizer: Localizer, count: Any) -> None:
     with pytest.raises(GalocError, match="count"):
         filter_of(localizer, count)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("odometry_noise", math.nan), ("odometry_noise", -1.0), ("odometry_turn_rad", -1.0), ("rng", None)],
+)
+def test_bad_settings(localizer: Localizer, name: str, value: Any) -> None:
+    assert localizer.likelihood is not None
+    with pytest.raises(GalocError, match=name):
+        ParticleFilter(localizer.likelihood, 10, **({"rng": np.random.default_rng(0)} | {name: value}))
+
+
+def test_particles_may_be_carried_off_any_distance(localizer: Localizer) -> None:
+    particles = filter_of(localizer, 10)
+    particles.predict((1e290, 0.0, 0.0))
+    assert np.all(particles.rows() == -1)
+    assert particles.weights.sum() == pytest.approx(1.0)

@@ -1,6 +1,7 @@
 """The pyramid of profile boxes and its lattice: containment, nesting, coverage."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -269,6 +270,17 @@ def test_bad_plans_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("galoc.freespace.MAX_CELLS", 2_000)  # so that the free space of a small plan is coarsened
     with pytest.raises(GalocError, match="exact search"):
         FineGrid.of(room("L"), 0.01)
+
+
+def test_lattices_that_would_not_fit_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The cure names a resolution that does fit."""
+    plan, blocks = room("L"), len(FineGrid.of(room("L"), 0.02).blocks)
+    monkeypatch.setattr("galoc.fine.MOST_BLOCKS", blocks // 2)
+    with pytest.raises(GalocError, match=r"0\.02 m apart") as refused:
+        FineGrid.of(plan, 0.02)
+    coarser = float(re.search(r"resolution of ([0-9.]+) m", refused.value.cure)[1])  # type: ignore[index]
+    assert 0.02 < coarser <= 0.04
+    assert len(FineGrid.of(plan, coarser).blocks) <= blocks // 2
 
 
 class TestLeafProfiles:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from galoc import Rays
+from galoc import GalocError, Rays
+from galoc.bound import CosineBound
 from galoc.score import CONFIDENCE_FLOOR, UnitRays, confidence, cosine, score_volume
 
 PROFILES = np.random.default_rng(0).uniform(0.3, 12.0, (7, 360)).astype(np.float32)
@@ -101,3 +102,26 @@ def test_every_choice_of_headings_gives_the_same_scores(headings: np.ndarray) ->
     full = score_volume(profiles, seen)
     # 1e-5: ten times the rounding of a float32 cosine, since the score is its tenth power.
     np.testing.assert_allclose(score_volume(profiles, seen, headings), full[:, headings % 360], atol=1e-5)
+
+
+@pytest.mark.parametrize("n", [345, 353, 359, 360])
+def test_a_full_turn_of_rays_is_scored(n: int) -> None:
+    """A laser looks all around: more rays than a camera has, up to one in every bin."""
+    rng = np.random.default_rng(n)
+    profiles = np.exp(rng.normal(0.5, 0.8, (5, 360))).astype(np.float32)
+    known = rng.random(n) < 0.9
+    seen = Rays(np.exp(rng.normal(0.5, 0.8, n)), known, np.full(n, np.nan))
+    expected = np.array([[cosine(p, seen, h) for h in range(360)] for p in profiles])
+    np.testing.assert_allclose(score_volume(profiles, seen), expected, atol=1e-5)
+    for headings in (np.arange(36) * 10 + 4, np.array([3, 350])):
+        np.testing.assert_allclose(score_volume(profiles, seen, headings), expected[:, headings], atol=1e-5)
+    bound = CosineBound(seen)
+    rows, turns = np.repeat(np.arange(5), 360), np.tile(np.arange(360, dtype=np.int16), 5)
+    np.testing.assert_allclose(
+        bound.leaves(profiles, rows, turns).astype(np.float64) ** 10, expected.ravel(), atol=1e-5
+    )
+
+
+def test_more_rays_than_a_turn_has_are_refused() -> None:
+    with pytest.raises(GalocError, match="361 rays"):
+        score_volume(np.ones((1, 360), np.float32), Rays(np.ones(361), np.ones(361, bool), np.full(361, np.nan)))

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit, prange
 
 from galoc._correlation import GROUPS, SPAN, correlate
-from galoc._vector import load, spread, store
+from galoc._vector import load, spread, total
 
 BINS = 360
 UNROLLED = 2 * BINS + 16
@@ -110,80 +110,41 @@ def all_headings(profiles, rows, seen, start, runs):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, parallel=True, fastmath=True, error_model="numpy")
-def every_kth_heading(profiles, step, first, bins, seen):  # type: ignore[no-untyped-def]
-    """(P, 360 / step) float32: cosine of each position at headings first, first + step, ... over the circle.
-
-    Bins by their rest modulo ``step``: what a ray meets at all headings lies side by side, 16 headings in a vector.
-
-    Args:
-        profiles: (P, 360) float32, m.
-        step: divisor of 360.
-        first: degrees, 0..359.
-        bins: (K,) bearing of each known ray relative to the heading, 0..359.
-        seen: (K,) float32 their ranges, of unit norm.
-    """
-    count, turns, rays = profiles.shape[0], BINS // step, bins.shape[0]
-    length = 2 * turns + 48
-    at = np.empty(rays, np.int64)
-    for i in range(rays):
-        b = (bins[i] + first) % BINS
-        at[i] = b % step * length + b // step
-    out = np.empty((count, turns), np.float32)
-    for chunk in prange((count + CHUNK - 1) // CHUNK):
-        phases = np.zeros(step * length, np.float32)
-        dot, energy = np.empty(48, np.float32), np.empty(48, np.float32)
-        zero = spread(np.float32(0.0))
-        for p in range(chunk * CHUNK, min(count, (chunk + 1) * CHUNK)):
-            profile = profiles[p]
-            for r in range(step):
-                once = phases[r * length : r * length + turns]
-                for k in range(turns):
-                    once[k] = profile[k * step + r]
-                phases[r * length + turns : r * length + 2 * turns] = once
-            for v in range(0, turns, 48):  # three vectors at a time, whose sums do not wait for each other
-                dot0, dot1, dot2 = zero, zero, zero
-                energy0, energy1, energy2 = zero, zero, zero
-                for i in range(rays):
-                    weight = spread(seen[i])
-                    wall0, wall1 = load(phases, at[i] + v), load(phases, at[i] + v + 16)
-                    wall2 = load(phases, at[i] + v + 32)
-                    dot0, dot1, dot2 = dot0 + wall0 * weight, dot1 + wall1 * weight, dot2 + wall2 * weight
-                    energy0, energy1 = energy0 + wall0 * wall0, energy1 + wall1 * wall1
-                    energy2 = energy2 + wall2 * wall2
-                store(dot0, dot, 0)
-                store(dot1, dot, 16)
-                store(dot2, dot, 32)
-                store(energy0, energy, 0)
-                store(energy1, energy, 16)
-                store(energy2, energy, 32)
-                for k in range(min(48, turns - v)):
-                    out[p, v + k] = dot[k] / (math.sqrt(energy[k]) + np.float32(1e-6))
-    return out
-
-
-@njit(cache=True, parallel=True, fastmath=True, error_model="numpy")
 def some_headings(profiles, seen, known, start, headings):  # type: ignore[no-untyped-def]
-    """(P, V) float32: cosine of each position at any headings.
+    """(P, V) float32: cosine of each position at any headings, each of them for itself.
 
     Args:
         profiles: (P, 360) float32, m.
-        seen: (n,) float32 observation of unit norm, 0 where unknown.
+        seen: (n,) float32 observation of unit norm, 0 where unknown; n a multiple of 16.
         known: (n,) float32 0 or 1.
         start: bearing of its first ray relative to the heading, degrees.
         headings: (V,) 0..359.
     """
     count, n = profiles.shape[0], seen.shape[0]
     out = np.empty((count, headings.shape[0]), np.float32)
-    for p in prange(count):
+    for chunk in prange((count + CHUNK - 1) // CHUNK):
         unrolled = np.zeros(UNROLLED, np.float32)
-        unrolled[:BINS] = profiles[p]
-        unrolled[BINS : 2 * BINS] = profiles[p]
-        for h in range(headings.shape[0]):
-            at = (headings[h] + start) % BINS
-            wall = unrolled[at : at + n]
-            dot, energy = np.float32(0.0), np.float32(0.0)
-            for i in range(n):
-                dot += seen[i] * wall[i]
-                energy += known[i] * wall[i] * wall[i]
-            out[p, h] = dot / (math.sqrt(energy) + np.float32(1e-6))
+        zero = spread(np.float32(0.0))
+        for p in range(chunk * CHUNK, min(count, (chunk + 1) * CHUNK)):
+            unrolled[:BINS] = profiles[p]
+            unrolled[BINS : 2 * BINS] = profiles[p]
+            for h in range(headings.shape[0]):
+                at = (headings[h] + start) % BINS
+                dots, energies = zero, zero
+                for i in range(0, n, 16):
+                    wall = load(unrolled, at + i)
+                    dots, energies = dots + load(seen, i) * wall, energies + load(known, i) * wall * wall
+                out[p, h] = total(dots) / (math.sqrt(total(energies)) + np.float32(1e-6))
     return out
+
+
+@njit(cache=True, parallel=True, fastmath=True)
+def sharpen(cosine):  # type: ignore[no-untyped-def]
+    """max(0, cosine)^10 in place, (P, V) float32."""
+    for p in prange(cosine.shape[0]):
+        row = cosine[p]
+        for v in range(row.shape[0]):
+            c = max(row[v], np.float32(0.0))
+            square = c * c
+            fourth = square * square
+            row[v] = fourth * fourth * square

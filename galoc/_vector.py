@@ -93,18 +93,6 @@ def load(typing_context, array, at):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def store(typing_context, vector, array, at):  # type: ignore[no-untyped-def]
-    """Put the lanes into a float32 array from index ``at`` on."""
-
-    def codegen(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        first = _address(context, builder, signature.args[1], arguments[1], [arguments[2]])
-        builder.store(arguments[0], builder.bitcast(first, _FLOATS.as_pointer()), align=4)
-        return context.get_dummy_value()
-
-    return types.void(VECTOR, array, types.intp), codegen
-
-
-@intrinsic
 def load_codes(typing_context, codes, cell, bound, phase, at):  # type: ignore[no-untyped-def]
     """The 16 numbers codes[cell, bound, phase, at : at + 16] of a uint16 array, as their bits (see :func:`decoded`)."""
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from galoc._correlation import LANES
-from galoc._dense_kernel import all_headings, every_kth_heading, some_headings
+from galoc._dense_kernel import all_headings, sharpen, some_headings
+from galoc._vector import LANES
 from galoc.errors import GalocError
 from galoc.types import Rays
 
@@ -53,7 +53,7 @@ def checked_rays(rays: Rays) -> Rays:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnitRays:
-    """Rays from the first known to the last, scaled to unit norm, padded to a multiple of LANES: what kernels take."""
+    """Rays from the first known to the last, scaled to unit norm, padded to whole vectors: what kernels take."""
 
     seen: Array
     """(n,) float64 ranges of unit norm, 0 where unknown: sums of float32 stay well conditioned at any layout scale."""
@@ -109,7 +109,7 @@ def score_volume(profiles: Float32, rays: Rays, headings_deg: NDArray[np.int64] 
     Args:
         profiles: (P, 360) float32, m.
         rays: the observation; with no known ray every score is 0.
-        headings_deg: (V,) whole degrees; None: 0..359. Evenly spread over the circle they cost least.
+        headings_deg: (V,) whole degrees; None: 0..359.
 
     Returns:
         (P, V) float32 in [0, 1].
@@ -122,15 +122,9 @@ def score_volume(profiles: Float32, rays: Rays, headings_deg: NDArray[np.int64] 
         return np.zeros((len(profiles), len(headings)), np.float32)
     unit = UnitRays.of(rays)
     seen, rows = unit.seen.astype(np.float32), np.arange(len(profiles))
-    step = 360 // max(len(headings), 1)
-    if len(headings) == 0 or 360 % len(headings) or np.any(np.diff(headings) != step):
-        volume = some_headings(profiles, seen, unit.known, unit.start, headings % 360)
-    elif step == 1 and headings[0] == 0:
-        volume = all_headings(profiles, rows, seen, unit.start, unit.runs)
+    if len(headings) == 360 and np.all(np.diff(headings) == 1):
+        volume = all_headings(profiles, rows, seen, (unit.start + int(headings[0])) % 360, unit.runs)
     else:
-        on = np.flatnonzero(unit.known)
-        volume = every_kth_heading(profiles, step, int(headings[0]) % 360, (unit.start + on) % 360, seen[on])
-    np.maximum(volume, np.float32(0.0), out=volume)
-    square = volume * volume
-    volume[:] = square * square
-    return np.asarray(volume * volume * square)
+        volume = some_headings(profiles, seen, unit.known, unit.start, headings % 360)
+    sharpen(volume)
+    return volume

@@ -485,7 +485,7 @@ def test_bad_poses(field: ProfileField, pose: Any) -> None:
 
 
 def test_rays_that_cannot_be_scored_are_refused(field: ProfileField) -> None:
-    for count in (353, 721):
+    for count in (361, 721):
         rays = Rays(np.ones(count), np.ones(count, bool), np.full(count, np.nan))
-        with pytest.raises(GalocError, match="at most 352"):
+        with pytest.raises(GalocError, match="at most 360"):
             cosine_cells(field, rays, Belief(field))

@@ -20,6 +20,7 @@ TINY = {
     "layouts": ["--plans", "1", "--frames", "3"],
     "matching": ["--plans", "apartment", "--frames", "4", "--resolution", "0.05", "--steps", "0.1"],
     "startup": ["--plans", "apartment", "--runs", "1"],
+    "heat_maps": ["--resolution", "0.05"],
     "filter": ["--plans", "apartment", "--walks", "1", "--steps", "3", "--particles", "300"],
 }
 ROWS = {"single_image": "frames", "sequences": "walks"}
@@ -44,6 +45,15 @@ def test_tiny_run_of_the_layout_benchmarks(script: str, repo: Path, tmp_path: Pa
     text = (tmp_path / "tiny.json").read_text()
     assert "Infinity" not in text and "NaN" not in text and json.loads(text)
     assert "paper" in done.stdout and "ml" in done.stdout
+
+
+def test_tiny_run_of_the_heat_maps(repo: Path, tmp_path: Path) -> None:
+    done = run(repo, "heat_maps", tmp_path / "tiny")
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "tiny.json").read_text())["found"]
+    assert (tmp_path / "tiny.png").read_bytes().startswith(b"\x89PNG")
+    for name in ("cosine", "likelihood"):
+        assert name in done.stdout and found[name]["certified"] and 0.0 <= found[name]["rank"] < 0.2
 
 
 def test_tiny_run_of_the_filter_benchmark(repo: Path, tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ from galoc.errors import CacheWarning, GalocError
 
 FORMAT = 1
 """Part of every key; counted up when the meaning of keys changes."""
-STALE_S = 86400.0
+STALE_S = 3600.0
 """Temporary files of dead processes are removed after this, s."""
 SUFFIX = ".galoc"
 

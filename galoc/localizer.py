@@ -80,8 +80,14 @@ class Localizer:
         self.plan, self.camera, self.detector = plan, camera, detector
         self.geometry, self.scoring = geometry, scoring
         self.config = config = config or LocalizerConfig()
-        self.field = profile_field(plan, config.resolution)
         likely = scoring == "likelihood"
+        if config.exact and likely:
+            raise GalocError(
+                'exact=True with scoring "likelihood"',
+                'scoring "cosine": registration to the map, not the lattice, decides otherwise',
+                "Leave exact out, or ask galoc.Matcher for the best pose of the lattice.",
+            )
+        self.field = profile_field(plan, config.resolution)
         # Registration compares each wall with the map itself: a prior on directions would use that twice.
         self._on_grid = geometry == "ml" and not likely and manhattan(plan.segments)[0] >= GRID_SHARE
         spread = (config.odometry_noise, math.radians(config.odometry_turn_deg)) if likely else (0.0, 0.0)
@@ -90,12 +96,6 @@ class Localizer:
         self._heights = config.prior(plan)
         self.likelihood = Likelihood(self.field) if likely else None
         """The map as scoring "likelihood" sees it; None with "cosine"."""
-        if config.exact and likely:
-            raise GalocError(
-                'exact=True with scoring "likelihood"',
-                'scoring "cosine": registration to the map, not the lattice, decides otherwise',
-                "Leave exact out, or ask galoc.Matcher for the best pose of the lattice.",
-            )
         self._matcher = Matcher(plan) if config.exact else None
         self._tracker = Tracker(self.likelihood, self._heights, *spread) if self.likelihood is not None else None
 

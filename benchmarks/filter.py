@@ -26,6 +26,7 @@ from galoc import Floorplan, GalocError, Localizer
 from galoc.metrics import pose_error
 from galoc.observation import observation
 from galoc_env.env import FloorplanEnv
+from galoc_env.film import writable_folder
 
 HEIGHT_M = 1.4
 """Camera above the floor, m."""
@@ -186,13 +187,13 @@ def main(
     if walks < 1 or steps < 2 or area_steps < 2 or not plans:
         got = f"--walks {walks} --steps {steps} --area-steps {area_steps}, {len(plans)} plans"
         raise GalocError(got, "a plan, a walk and two steps at least", "Raise them.")
+    writable_folder(out.parent)
     numba.set_num_threads(1)
     others = [*plans[1:], *(str(real / name) for name in REAL)] if real is not None else list(plans[1:])
     found = [measure(plans[0], walks, steps, particles, seed)]
     found += [measure(plan, 1, area_steps, particles, seed) for plan in others]
     settings = {"walks": walks, "steps": steps, "area_steps": area_steps, "particles": particles, "seed": seed}
     result = {"settings": {**settings, **NOISE}, "plans": found}
-    out.parent.mkdir(parents=True, exist_ok=True)
     write(out, result, figure(result))
     print(report(result))
 

@@ -24,6 +24,7 @@ from galoc.layout import solve_layout
 from galoc.observation import Observation, observation
 from galoc.plot_match import draw_heat_map
 from galoc.rays import cast_rays
+from galoc_env.film import writable_folder
 
 PLACES = 4
 """Distinct poses drawn."""
@@ -49,6 +50,7 @@ def main(options: Options) -> None:
     """Draw both."""
     from matplotlib.figure import Figure
 
+    writable_folder(options.out.parent)
     plan, camera = Floorplan.load(options.plan), Camera.from_hfov(640, 480, hfov_deg=108)
     (view,) = views(plan, camera, 1, options.sigma, 1.0, (options.seed,))
     matcher = Matcher(plan, options.resolution)
@@ -76,7 +78,6 @@ def main(options: Options) -> None:
     figure.savefig(buffer, format="png", dpi=110)
     heading = math.degrees(view.pose[2])
     settings = {"plan": options.plan, "seed": options.seed, "sigma_px": options.sigma, "heading_deg": heading}
-    options.out.parent.mkdir(parents=True, exist_ok=True)
     write(options.out, {"settings": settings, "found": found}, buffer.getvalue())
     print(f"picture  {options.out}.png")
 

@@ -12,6 +12,7 @@ the reference, and the median is taken. A run that was cut off goes on where it 
 
 from __future__ import annotations
 
+import copy
 import math
 import os
 import sys
@@ -142,9 +143,7 @@ def _compile(matcher: Matcher, cases: list[tuple[str, Frame]], reference: Refere
 
 def _cold(matcher: Matcher, scoring: str, frame: Frame) -> float:
     """CPU seconds of the search where no profile has been cast yet (the pyramid is there)."""
-    fresh = Matcher(matcher.plan, matcher.resolution)
-    fresh.pyramid(scoring != "cosine")
-    return ask(fresh, scoring, frame)[1]
+    return ask(copy.copy(matcher), scoring, frame)[1]  # copies share the pyramids, not the profiles
 
 
 def compare(

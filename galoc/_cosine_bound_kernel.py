@@ -16,8 +16,8 @@ import numpy as np
 from numba import njit, prange
 
 from galoc._box_code import FLOAT_BASE, FLOAT_SHIFT
-from galoc._pyramid_kernel import BINS, PHASE_BINS
-from galoc._vector import at_least_0, float_decoded, load, load_codes, spread, total
+from galoc._pyramid_kernel import BINS, codes_at
+from galoc._vector import at_least_0, float_decoded, load, spread, total
 
 TANGENTS = 5
 """Tangents tried before a box is kept; on average one or two decide."""
@@ -28,10 +28,7 @@ CHUNK = 256
 @njit(inline="always")
 def _ranges(boxes, cell, bound, bin):  # type: ignore[no-untyped-def]
     """Ranges of 16 bins, 8 apart, from ``bin`` (0..719) on."""
-    k = bin >> 3
-    if k >= PHASE_BINS:
-        k -= PHASE_BINS
-    return float_decoded(load_codes(boxes, cell, bound, bin & 7, k), FLOAT_SHIFT, FLOAT_BASE)
+    return float_decoded(codes_at(boxes, cell, bound, bin), FLOAT_SHIFT, FLOAT_BASE)
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
@@ -93,21 +90,6 @@ def may_hold(boxes, cell, start, first, count, seen, known, residual, energy, sc
             if t <= zero:
                 return False
     return True
-
-
-@njit(cache=True, parallel=True)
-def keep_roots(boxes, width, start, probe, probe_energy, seen, known, residual, scale):  # type: ignore[no-untyped-def]
-    """(C, 360 / width) bool: which nodes of the top level may hold a pose within ``residual``; see keep_nodes."""
-    cells, turns = boxes.shape[0], BINS // width
-    out = np.empty((cells, turns), np.bool_)
-    vectors, one = seen.shape[0] // 16, np.float32(1.0)
-    for c in prange(cells):
-        for j in range(turns):
-            at = (start + j * width) % BINS
-            out[c, j] = may_hold(boxes, c, at, probe, 1, seen, known, residual, probe_energy, scale) and may_hold(
-                boxes, c, at, 0, vectors, seen, known, residual, one, scale
-            )
-    return out
 
 
 @njit(cache=True, parallel=True)

@@ -14,8 +14,8 @@ import numpy as np
 from numba import njit, prange
 
 from galoc._box_code import LOG_LEAST, LOG_STEP
-from galoc._pyramid_kernel import BINS, PHASE_BINS
-from galoc._vector import at_least_0, load, load_codes, spread, total, whole_decoded
+from galoc._pyramid_kernel import BINS, codes_at
+from galoc._vector import at_least_0, load, spread, total, whole_decoded
 
 CHUNK = 256
 """Nodes of one parallel task."""
@@ -28,10 +28,7 @@ NARROW = 0.01
 @njit(inline="always")
 def _log_ranges(boxes, cell, bound, bin):  # type: ignore[no-untyped-def]
     """Log ranges of 16 bins, 8 apart, from ``bin`` (0..719) on."""
-    k = bin >> 3
-    if k >= PHASE_BINS:
-        k -= PHASE_BINS
-    codes = whole_decoded(load_codes(boxes, cell, bound, bin & 7, k))
+    codes = whole_decoded(codes_at(boxes, cell, bound, bin))
     return codes * spread(np.float32(LOG_STEP)) + spread(np.float32(LOG_LEAST))
 
 
@@ -118,22 +115,6 @@ def keep_nodes(boxes, cells, headings, start, scales, which, seen, precision, bo
             )  # fmt: skip
             keep[q] = low <= high
             left[q, 0], left[q, 1] = low, high
-    return keep, left
-
-
-@njit(cache=True, parallel=True)
-def keep_roots(boxes, width, start, low, high, which, seen, precision, both, saturation, prior, limit):  # type: ignore[no-untyped-def]
-    """The same for all nodes of the top level: (C, 360 / width) bool, (C, 360 / width, 2) float32."""
-    cells, turns = boxes.shape[0], BINS // width
-    keep = np.empty((cells, turns), np.bool_)
-    left = np.empty((cells, turns, 2), np.float32)
-    for c in prange(cells):
-        for j in range(turns):
-            a, b = scales_left(
-                boxes, c, (start + j * width) % BINS, which, seen, precision, both, saturation, prior, limit, low, high
-            )
-            keep[c, j] = a <= b
-            left[c, j, 0], left[c, j, 1] = a, b
     return keep, left
 
 

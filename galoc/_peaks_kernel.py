@@ -41,7 +41,7 @@ def heading_peaks(volume):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def apart(x, y, heading, count, apart_m, apart_rad):  # type: ignore[no-untyped-def]
+def first_apart(x, y, heading, count, apart_m, apart_rad):  # type: ignore[no-untyped-def]
     """Indices of poses, best first, that are apart from every better one chosen, at most ``count``.
 
     Args:

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit, prange
 
 from galoc._box_code import float_code, log_code
+from galoc._vector import load_codes
 
 BINS = 360
 SIDE = 8
@@ -16,6 +17,15 @@ PHASES = 8
 PHASE_BINS = BINS // PHASES
 ROW = 64
 """Codes of a phase: its 45 bins, then the first 15 again for views that reach over 360 degrees, then nothing."""
+
+
+@njit(inline="always")
+def codes_at(boxes, cell, bound, bin):  # type: ignore[no-untyped-def]
+    """Codes of 16 bins, 8 apart, from ``bin`` (0..719) on; ``bound`` 0: lower, 1: upper."""
+    k = bin >> 3
+    if k >= PHASE_BINS:
+        k -= PHASE_BINS
+    return load_codes(boxes, cell, bound, bin & 7, k)
 
 
 @njit(cache=True, parallel=True)

@@ -65,13 +65,11 @@ class Belief:
         motion: str = "carried",
         kidnapped: float = 0.0,
     ) -> None:
-        if motion not in MOTIONS:
-            raise GalocError(f"motion {motion!r}", f"one of {MOTIONS}", "Use motion='carried'.")
         self.headings = checked_headings(headings)
         """V."""
         self._kidnapped = checked_kidnapped(kidnapped)
         self._field = field
-        self._carried = motion == "carried"
+        self._carried = checked_motion(motion) == "carried"
         self._diffusion_m = number("diffusion_m", diffusion_m, 0.0, MOST_DIFFUSION, "m/m", "Use 0.")
         self._diffusion_rad = number("diffusion_rad", diffusion_rad, 0.0, MOST_DIFFUSION, "rad", "Use 0.")
         self.positions = field.positions
@@ -276,6 +274,13 @@ def checked_odometry(odometry: ArrayLike) -> Array:
         GalocError: not three finite numbers.
     """
     return three("odometry", odometry, "(dx, dy, dheading)")
+
+
+def checked_motion(motion: object) -> str:
+    """The name; GalocError unless it is one of ``MOTIONS``."""
+    if motion not in MOTIONS:
+        raise GalocError(f"motion {motion!r}", f"one of {MOTIONS}", "Use motion='carried'.")
+    return str(motion)
 
 
 def checked_headings(headings: object) -> int:

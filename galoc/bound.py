@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from galoc._cosine_bound_kernel import cosine_limits, keep_nodes, keep_roots, leaf_cosines
+from galoc._cosine_bound_kernel import cosine_limits, keep_nodes, leaf_cosines
 from galoc._dense_kernel import all_headings, best_headings
 from galoc.errors import GalocError
 from galoc.planes import PlaneView
@@ -138,12 +138,7 @@ class CosineBound:
 
     def roots(self, level: Level, score: float) -> Nodes:
         """See :class:`Bound`."""
-        keep = keep_roots(
-            level.boxes, level.width, self._start, self._probe, self._probe_energy, self._seen_by_8,
-            self._known_by_8, self._residual(score), self._scale,
-        )  # fmt: skip
-        cells, turn = np.nonzero(keep)
-        return Nodes(cells.astype(np.int32), (turn * level.width).astype(np.int16))
+        return self.nodes(level, level.every_node(), score)
 
     def nodes(self, level: Level, nodes: Nodes, score: float) -> Nodes:
         """See :class:`Bound`."""

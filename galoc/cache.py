@@ -142,26 +142,32 @@ class DiskCache:
 
         A second process that wants the same key waits for the first one's build. ``build`` must not fetch this key.
         """
-        found = self.load(key, writable=writable)
-        if found is not None or self.folder is None:
-            return _frozen(build(), writable) if found is None else found
-        with key_lock(self.folder / f"{key}.lock"):
-            found = self.load(key, writable=writable)
-            if found is None:
-                found = _frozen(build(), writable)
-                self.save(key, found, note)
-        return found
+
+        def make() -> Arrays:
+            built = _frozen(build(), writable)
+            self.save(key, built, note)
+            return built
+
+        return self._once(key, make, writable)
 
     def fetch_filled(self, key: str, specs: Specs, fill: Callable[[Arrays], None], note: str = "") -> Arrays:
         """As :meth:`fetch` for arrays too large to be held twice: ``fill`` writes them in place; read-only."""
-        found = self.load(key)
-        if found is not None:
-            return found
-        if self.folder is None:
-            return self._filled(key, specs, fill, note)
+
+        def make() -> Arrays:
+            with self.writer(key, specs, note) as arrays:
+                fill(arrays)
+            return arrays
+
+        return self._once(key, make)
+
+    def _once(self, key: str, make: Callable[[], Arrays], writable: bool = False) -> Arrays:
+        """What is kept under a key, or what is made and kept now; of several processes one makes it."""
+        found = self.load(key, writable=writable)
+        if found is not None or self.folder is None:
+            return make() if found is None else found
         with key_lock(self.folder / f"{key}.lock"):
-            found = self.load(key)
-            return self._filled(key, specs, fill, note) if found is None else found
+            found = self.load(key, writable=writable)
+            return make() if found is None else found
 
     @contextmanager
     def writer(self, key: str, specs: Specs, note: str = "") -> Iterator[Arrays]:
@@ -218,11 +224,6 @@ class DiskCache:
                 ) from error
             freed += stat.st_size
         return freed
-
-    def _filled(self, key: str, specs: Specs, fill: Callable[[Arrays], None], note: str) -> Arrays:
-        with self.writer(key, specs, note) as arrays:
-            fill(arrays)
-        return arrays
 
     def _path(self, key: str) -> Path | None:
         if not re.fullmatch(r"[A-Za-z0-9_-]{1,100}", key):

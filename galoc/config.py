@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 
-from galoc.belief import MOTIONS, checked_headings, checked_kidnapped
+from galoc.belief import checked_headings, checked_kidnapped, checked_motion
 from galoc.checked import number, whole
 from galoc.errors import GalocError
 from galoc.floorplan import Floorplan
@@ -72,10 +72,9 @@ class LocalizerConfig:
                 raise GalocError(f"{name} = {getattr(self, name)!r}", "True or False", "Fix the LocalizerConfig.")
         if self.candidates is not None:
             whole("candidates", self.candidates, 1, "Leave it out.")
-        if self.motion not in MOTIONS:
-            raise GalocError(f"motion {self.motion!r}", f"one of {MOTIONS}", "Use motion='carried'.")
         if self.heights is not None and not (isinstance(self.heights, tuple | list) and len(self.heights) == 2):
             raise GalocError(f"heights = {self.heights!r}", "(camera, ceiling) above the floor, m", "Fix it.")
+        checked_motion(self.motion)
         checked_kidnapped(self.kidnapped)
         if self.headings is not None:
             checked_headings(self.headings)

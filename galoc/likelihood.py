@@ -6,6 +6,8 @@ variance that the layout gives it. Derivation and measurements in docs/geometry.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,6 +34,63 @@ MANY_RAYS = 30
 """See STRIDE."""
 MOST_PRECISION = 1e7
 """No log range is trusted further than this, 1/variance."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RayTerms:
+    """The rays of an observation as the kernels of the likelihood take them."""
+
+    told: NDArray[np.int64]
+    """(k,) numbers of the rays scored: those that tell something, some of them passed over."""
+    terms: Float32
+    """(2, k) log range or its limit; precision over ``SATURATION``."""
+    limited: NDArray[np.bool_]
+    """(k,) the range is at most this."""
+    ray_bin: NDArray[np.int64]
+    """(n,) bin at heading 0 of each range, filled up to a multiple of ``TOGETHER``."""
+    rays: Float32
+    """(2, n) their terms, 0 where filled up."""
+    limit_bin: NDArray[np.int64]
+    """(m,) bin of each limit."""
+    limits: Float32
+    """(2, m) their terms."""
+    saturation: float
+    """Cost of a ray that is far off."""
+    prior: float
+    """Precision of the log scale."""
+
+    @classmethod
+    def of(cls, seen: Observation, step_m: float, stride: int) -> RayTerms:
+        """Those of an observation.
+
+        Args:
+            seen: the observation.
+            step_m: distance of the positions that it is scored at, m.
+            stride: each so-many-th ray is scored where more than ``MANY_RAYS`` are told.
+        """
+        precision = 1.0 / (seen.variance + pose_variance(seen, step_m))
+        told = np.flatnonzero(precision > 0.0)
+        if len(told) <= MANY_RAYS:
+            stride = 1
+        elif stride > 1:  # neighbouring rays on one wall say the same
+            told = told[(told - told[0]) % stride == 0]
+        # Above MOST_PRECISION products of four rays would leave float32.
+        pairs = [seen.log_range[told], np.minimum(precision[told], MOST_PRECISION) / SATURATION]
+        terms = np.stack(pairs).astype(np.float32)
+        limited = seen.is_limit[told]
+        bins = (told - (len(seen.log_range) - 1) // 2) % 360
+        fill = -int(np.count_nonzero(~limited)) % TOGETHER
+        return cls(
+            told,
+            terms,
+            limited,
+            np.pad(bins[~limited], (0, fill)),
+            np.pad(np.ascontiguousarray(terms[:, ~limited]), ((0, 0), (0, fill))),
+            bins[limited],
+            np.ascontiguousarray(terms[:, limited]),
+            SATURATION * seen.share * stride,
+            1.0 / max(seen.scale_sd, 0.01) ** 2,
+        )
 
 
 class Likelihood:
@@ -84,18 +143,7 @@ class Likelihood:
     def _volume(
         self, seen: Observation, headings: NDArray[np.int64], group: int, turn: int, rows: NDArray[np.int64] | None
     ) -> Float32:
-        precision = 1.0 / (seen.variance + pose_variance(seen, self.field.resolution))
-        told = np.flatnonzero(precision > 0.0)
-        stride = STRIDE if len(told) > MANY_RAYS else 1  # neighbouring rays on one wall say the same
-        if stride > 1:
-            told = told[(told - told[0]) % stride == 0]
-        share = seen.share * stride
-        bins = (turn + told - (len(seen.log_range) - 1) // 2) % 360
-        # Above MOST_PRECISION products of four rays would leave float32.
-        terms = np.stack([seen.log_range[told], np.minimum(precision[told], MOST_PRECISION) / SATURATION])
-        terms = terms.astype(np.float32)
-        limited = seen.is_limit[told]
-        fill = -int(np.count_nonzero(~limited)) % TOGETHER
+        rays = RayTerms.of(seen, self.field.resolution, STRIDE)
         corner_bin, corners = self._corner_terms(seen)
         return likelihood_volume(
             self.field.ranges,
@@ -103,14 +151,14 @@ class Likelihood:
             np.arange(len(self.field.positions)) if rows is None else np.asarray(rows, dtype=np.int64),
             headings,
             group,
-            np.pad(bins[~limited], (0, fill)),
-            np.pad(np.ascontiguousarray(terms[:, ~limited]), ((0, 0), (0, fill))),
-            bins[limited],
-            np.ascontiguousarray(terms[:, limited]),
+            (rays.ray_bin + turn) % 360,
+            rays.rays,
+            (rays.limit_bin + turn) % 360,
+            rays.limits,
             (corner_bin + turn) % 360,
             corners,
-            np.float32(SATURATION * share),
-            np.float32(1.0 / max(seen.scale_sd, 0.01) ** 2 / (SATURATION * share)),
+            np.float32(rays.saturation),
+            np.float32(rays.prior / rays.saturation),
         )
 
     def forget_corners(self) -> None:

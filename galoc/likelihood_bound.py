@@ -7,11 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from galoc._likelihood_bound_kernel import keep_nodes, keep_roots, leaf_likelihoods, scale_costs
-from galoc._likelihood_kernel import TOGETHER, likelihood_volume
+from galoc._likelihood_bound_kernel import keep_nodes, leaf_likelihoods, scale_costs
+from galoc._likelihood_kernel import likelihood_volume
 from galoc.errors import GalocError
-from galoc.likelihood import MANY_RAYS, MOST_PRECISION, SATURATION
-from galoc.observation import Observation, pose_variance
+from galoc.likelihood import RayTerms
+from galoc.observation import Observation
 from galoc.pyramid import Float32, Headings, Int, Level, Nodes
 
 STRIDE = 4
@@ -52,27 +52,15 @@ class LikelihoodBound:
             raise GalocError(
                 "an observation with NaN or absurd ranges", "ranges in m, variances of 0 or more", "Check its rays."
             )
-        precision = 1.0 / (seen.variance + pose_variance(seen, resolution))
-        told = np.flatnonzero(precision > 0.0)
-        if len(told) == 0:
+        rays = RayTerms.of(seen, resolution, STRIDE)
+        if len(rays.told) == 0:
             raise GalocError("an observation without ranges", "at least one ray or limit", "Check seen.blind first.")
-        stride = STRIDE if len(told) > MANY_RAYS else 1
-        told = told[(told - told[0]) % stride == 0]
-        saturation = SATURATION * seen.share * stride
-        prior = 1.0 / max(seen.scale_sd, 0.01) ** 2
-        terms = np.stack([seen.log_range[told], np.minimum(precision[told], MOST_PRECISION) / SATURATION])
-        terms = terms.astype(np.float32)
-        limited = seen.is_limit[told]
-        fill = -int(np.count_nonzero(~limited)) % TOGETHER
-        bins = (told - (len(seen.log_range) - 1) // 2) % 360
-        self._ray_bin = np.pad(bins[~limited], (0, fill))
-        self._rays = np.pad(terms[:, ~limited], ((0, 0), (0, fill)))
-        self._limit_bin, self._limits = bins[limited], np.ascontiguousarray(terms[:, limited])
-        self._saturation, self._scale_precision = np.float32(saturation), np.float32(prior / saturation)
-        self._prior = np.float32(prior)
-        self._start = int(bins[0])
-        self._by_8(told - told[0], terms, limited)
-        self.least = -0.5 * (saturation * len(told) + prior)
+        self._ray_bin, self._rays, self._limit_bin, self._limits = rays.ray_bin, rays.rays, rays.limit_bin, rays.limits
+        self._saturation, self._prior = np.float32(rays.saturation), np.float32(rays.prior)
+        self._scale_precision = np.float32(rays.prior / rays.saturation)
+        self._start = int(rays.told[0] - (len(seen.log_range) - 1) // 2) % 360
+        self._by_8(rays.told - rays.told[0], rays.terms, rays.limited)
+        self.least = -0.5 * (rays.saturation * len(rays.told) + rays.prior)
 
     def _by_8(self, ray: Int, terms: Float32, limited: NDArray[np.bool_]) -> None:
         """The rays by vectors of every eighth, those that tell most first."""
@@ -130,14 +118,10 @@ class LikelihoodBound:
 
     def roots(self, level: Level, score: float) -> Nodes:
         """See :class:`galoc.bound.Bound`."""
-        limit = self._limit(score)
-        reach = np.float32(math.sqrt(float(limit) / float(self._prior)))
-        keep, scales = keep_roots(
-            level.boxes, level.width, self._start, -reach, reach, self._which, self._seen, self._precision, self._both,
-            self._saturation, self._prior, limit,
-        )  # fmt: skip
-        cells, turn = np.nonzero(keep)
-        return Nodes(cells.astype(np.int32), (turn * level.width).astype(np.int16), scales[cells, turn])
+        reach = math.sqrt(float(self._limit(score)) / float(self._prior))
+        nodes = level.every_node()
+        scales = np.tile(np.array([[-reach, reach]], np.float32), (len(nodes), 1))
+        return self.nodes(level, Nodes(nodes.cells, nodes.headings, scales), score)
 
     def nodes(self, level: Level, nodes: Nodes, score: float) -> Nodes:
         """See :class:`galoc.bound.Bound`."""

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from galoc._peaks_kernel import apart
 from galoc._pyramid_kernel import LEAVES
 from galoc.bound import Bound, CosineBound
 from galoc.checked import number, place_inside, whole
@@ -23,7 +22,7 @@ from galoc.floorplan import Floorplan
 from galoc.likelihood_bound import LikelihoodBound
 from galoc.metrics import wrap_angle
 from galoc.observation import Observation
-from galoc.peaks import APART_M, APART_RAD
+from galoc.peaks import APART_M, APART_RAD, apart
 from galoc.profiles import Caster
 from galoc.pyramid import Pyramid, build_pyramid
 from galoc.score import GAMMA
@@ -194,14 +193,14 @@ class Matcher:
         bound = self._bound(seen)
         pyramid, profiles = self._part(bound.log)
         rough = _sorted(climb(bound, pyramid, profiles, max(SEEDS, 4 * count)))
-        places = _apart(_poses(pyramid, rough), count, apart_m, apart_rad)
+        places = apart(_poses(pyramid, rough), count, apart_m, apart_rad)
         # The same pose may score a rounding less when all of its block is scored at once.
         score = float(rough[2][places].min()) - 2.0 * bound.tie
         boxes, scored = 0, 0
         while True:
             found = self.above(bound, score)
             boxes, scored = boxes + found.boxes, scored + found.scored
-            chosen = _apart(found.poses, count, apart_m, apart_rad)
+            chosen = apart(found.poses, count, apart_m, apart_rad)
             if len(chosen) == count or not found.certified or score <= bound.least:
                 break
             # The seeds' places were apart from each other, but not all from the better ones: look lower.
@@ -292,9 +291,3 @@ def _sorted(poses: Scored, most: int | None = None) -> Scored:
     """Best first; equal ones by place, so that the order does not depend on how they were found."""
     order = np.lexsort((poses[1], poses[0], -poses[2]))[:most]
     return poses[0][order], poses[1][order], poses[2][order]
-
-
-def _apart(poses: Array, count: int, apart_m: float, apart_rad: float) -> Int:
-    """Poses (N, 3), best first: those that are apart from every better one chosen."""
-    x, y, heading = np.ascontiguousarray(poses.T)
-    return np.asarray(apart(x, y, heading, count, apart_m, apart_rad))

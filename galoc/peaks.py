@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from galoc._peaks_kernel import apart, heading_peaks
+from galoc._peaks_kernel import first_apart, heading_peaks
 from galoc.metrics import wrap_angle
 from galoc.profiles import ProfileField
 from galoc.score import score_volume
@@ -66,10 +66,18 @@ def distinct_peaks(field: ProfileField, volume: NDArray[np.float32], count: int)
     keep = min(int(np.count_nonzero(np.isfinite(flat))), MOST_CELLS)
     best = np.argpartition(-flat, keep - 1)[:keep]
     best = best[np.lexsort((best, -flat[best]))]
-    x, y = np.ascontiguousarray(field.positions[best // score.shape[1]].T)
     angle = wrap_angle(heading.ravel()[best] * (2 * math.pi / volume.shape[1]))
-    chosen = apart(x, y, angle, count, APART_M, APART_RAD)
-    return np.column_stack([x[chosen], y[chosen], angle[chosen], flat[best[chosen]]])
+    cells = np.column_stack([field.positions[best // score.shape[1]], angle, flat[best]])
+    return cells[apart(cells, count)]
+
+
+def apart(poses: Array, count: int, apart_m: float = APART_M, apart_rad: float = APART_RAD) -> NDArray[np.int64]:
+    """(C,) which of the poses (N, 3+), best first, are apart from every better one chosen; at most ``count``.
+
+    Poses nearer than ``apart_m`` (m) and turned by less than ``apart_rad`` (rad) are one.
+    """
+    x, y, heading = np.ascontiguousarray(poses[:, :3].T)
+    return np.asarray(first_apart(x, y, heading, count, apart_m, apart_rad))
 
 
 def refine(field: ProfileField, rays: Rays, cells: ArrayLike) -> Array:

@@ -57,6 +57,12 @@ class Level:
     first_block: Int | None
     """(C + 1,) first block of each cell, where a cell holds several."""
 
+    def every_node(self) -> Nodes:
+        """All nodes of the level, cell by cell."""
+        headings = np.arange(0, 360, self.width, dtype=np.int16)
+        cells = np.arange(len(self.boxes), dtype=np.int32)
+        return Nodes(np.repeat(cells, len(headings)), np.tile(headings, len(cells)))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Nodes:
@@ -90,9 +96,8 @@ class Pyramid:
     levels: tuple[Level, ...]
     """Coarsest first."""
     linear: NDArray[np.uint8] | None
-    """(B, 45) bins in which the range is linear over a block, as bits (see galoc._plane_kernel); None with ``log``."""
-    log: bool
-    """Boxes of log ranges instead of ranges."""
+    """(B, 45) bins in which the range is linear over a block, as bits (see galoc._plane_kernel); None with boxes of log
+    ranges."""
     seeds: Int
     """(S,) a leaf near the middle of each top cell, -1 where none is clear."""
     seed_profiles: Float32
@@ -164,9 +169,7 @@ def build_pyramid(plan: Floorplan, resolution: float, *, log: bool, limit: int =
             first = np.arange(counts[level] + 1, dtype=np.int64) * 4 ** (level - below)
         blocks = {TOP: starts[1], TOP - 1: starts[0]}.get(level)
         levels.append(Level(arrays[f"boxes{level}"], WIDTHS[level], first, 4**level, blocks))
-    return Pyramid(
-        grid, arrays["mask"], tuple(levels), arrays.get("linear"), log, arrays["seeds"], arrays["seed_profiles"]
-    )
+    return Pyramid(grid, arrays["mask"], tuple(levels), arrays.get("linear"), arrays["seeds"], arrays["seed_profiles"])
 
 
 def _starts(blocks: Int, side: int) -> Int:

@@ -15,7 +15,7 @@ from galoc.floorplan import Floorplan
 from galoc.formats.atomic import write_atomic
 from galoc_env.furniture import Furniture, furnish
 from galoc_env.scene_furniture import add_furniture
-from galoc_env.scene_light import Lighting
+from galoc_env.scene_light import Lamp, Lighting, Sun
 from galoc_env.scene_mesh import SEMANTIC_NAMES, MeshBuilder, SceneMesh
 from galoc_env.scene_openings import add_openings
 from galoc_env.scene_rooms import add_floors, find_rooms
@@ -44,6 +44,10 @@ class Scene:
     """(S, 4) m: x1, y1, x2, y2 of the footprint edges of all furniture."""
     instance_semantic: NDArray[np.int8]
     """(I + 1,): semantic class of each instance number; index 0 is "nothing". Instance i + 1 is plan segment i."""
+    lamps: tuple[Lamp, ...] = ()
+    """What lights it, beside the windows (the faces of class OUTSIDE)."""
+    sun: Sun | None = None
+    """Shines in through the windows; None on a dull day."""
 
     def as_trimesh(self) -> trimesh.Scene:
         """The same faces as a trimesh scene, nodes named by material; baked light as vertex colours."""
@@ -94,4 +98,8 @@ def build_scene(plan: Floorplan, *, furniture: float = 0.5, seed: int = 0) -> Sc
     add_furniture(builder, items, rooms, lighting, part_rng)
     edges = np.concatenate([item.edges() for item in items]) if items else np.zeros((0, 4))
     edges.setflags(write=False)
-    return Scene(plan, builder.finish(int(seed) % VARIANTS), items, edges, builder.semantics)
+    lamps = tuple(
+        Lamp(*polygon.representative_point().coords[0], plan.ceiling_height - 0.35, (1.6, 1.5, 1.35))
+        for polygon in rooms.polygons
+    )
+    return Scene(plan, builder.finish(int(seed) % VARIANTS), items, edges, builder.semantics, lamps)

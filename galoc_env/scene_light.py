@@ -10,6 +10,35 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+
+@dataclass(frozen=True, slots=True)
+class Lamp:
+    """A small bright sphere that lights its surroundings."""
+
+    x: float
+    """Centre, m."""
+    y: float
+    """Centre, m."""
+    z: float
+    """Centre, m."""
+    power: tuple[float, float, float]
+    """Red, green, blue: a surface that faces the lamp at distance d m receives power / d^2 (1 is full brightness)."""
+    radius: float = 0.15
+    """Makes shadows soft, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sun:
+    """Parallel light that enters where a ray meets a face of class OUTSIDE."""
+
+    bearing: float
+    """Plan bearing of the direction to the sun, rad."""
+    elevation: float
+    """Above the horizon, rad."""
+    power: tuple[float, float, float]
+    """Red, green, blue of the light on a surface that faces the sun."""
+
+
 EDGE = 0.5
 """Width of the dark gradient along the edges of a room, m."""
 _SUN = math.radians(35.0)

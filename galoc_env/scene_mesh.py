@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,7 +31,11 @@ class SceneMesh:
     mesh: trimesh.Trimesh
     """World frame (x, y of the plan, z up, m), with TextureVisuals: UV in texture widths, (0, 0) the lower left."""
     shade: NDArray[np.uint8]
-    """(V, 3): baked light times tint of each vertex; the drawn colour is texture * shade / 255."""
+    """(V, 3): simple light times tint; a renderer without light of its own draws texture * shade / 255."""
+    tint: NDArray[np.float32]
+    """(F, 3): factor on the texture, without light."""
+    glow: NDArray[np.float32]
+    """(F,): 0 for what is lit; above 0 the face shines by itself, and looks like texture * tint * glow."""
     semantic: NDArray[np.int8]
     """(F,): semantic class of each face."""
     instance: NDArray[np.int32]
@@ -42,7 +46,7 @@ class MeshBuilder:
     """Collects faces by material and hands out instance numbers."""
 
     def __init__(self) -> None:
-        self._parts: dict[str, list[tuple[Array, Array, Array, NDArray[np.int64], int, int]]] = {}
+        self._parts: dict[str, list[_Part]] = {}
         self._semantics: list[int] = [0]
 
     def new_instance(self, semantic: int) -> int:
@@ -56,7 +60,16 @@ class MeshBuilder:
         return np.array(self._semantics, np.int8)
 
     def add(
-        self, name: str, points: ArrayLike, uv_m: ArrayLike, shade: ArrayLike, faces: ArrayLike, instance: int
+        self,
+        name: str,
+        points: ArrayLike,
+        uv_m: ArrayLike,
+        light: ArrayLike,
+        faces: ArrayLike,
+        instance: int,
+        *,
+        tint: ArrayLike = 1.0,
+        glow: float = 0.0,
     ) -> None:
         """Add triangles of one instance.
 
@@ -64,14 +77,18 @@ class MeshBuilder:
             name: material.
             points: (V, 3) m.
             uv_m: (V, 2) texture coordinates, m.
-            shade: (3,) or (V, 3), light times tint, 0..1.
+            light: scalar or (V,), simple light, 0..1; only renderers without light of their own use it.
             faces: (F, 3) vertex indices, counter-clockwise from the visible side.
             instance: number from :meth:`new_instance`.
+            tint: scalar or (3,), factor on the texture.
+            glow: brightness of a face that shines by itself; 0 for one that is lit.
         """
-        p = np.asarray(points, np.float64)
-        s = np.broadcast_to(np.asarray(shade, np.float64), p.shape)
-        part = (p, np.asarray(uv_m, np.float64), s, np.asarray(faces, np.int64), instance, self._semantics[instance])
-        self._parts.setdefault(name, []).append(part)
+        p, colour = np.asarray(points, np.float64), np.broadcast_to(np.asarray(tint, np.float64), (3,))
+        shade = np.broadcast_to(np.asarray(light, np.float64), (len(p),))[:, None] * colour
+        part = _Part(
+            p, np.asarray(uv_m, np.float64), shade, np.asarray(faces, np.int64), instance, self._semantics[instance]
+        )
+        self._parts.setdefault(name, []).append(replace(part, tint=colour, glow=glow))
 
     def add_quad(
         self,
@@ -79,41 +96,61 @@ class MeshBuilder:
         origin: ArrayLike,
         right: ArrayLike,
         up: ArrayLike,
-        shade: ArrayLike,
+        light: ArrayLike,
         instance: int,
         uv_m: tuple[float, float] = (0.0, 0.0),
+        *,
+        tint: ArrayLike = 1.0,
+        glow: float = 0.0,
     ) -> None:
         """Add a parallelogram seen from the side of ``right x up``.
 
-        Its texture runs in metres along ``right`` and ``up`` and has coordinate ``uv_m`` at ``origin``; ``shade`` is
-        (3,) or one row for each corner, counter-clockwise from ``origin``.
+        Its texture runs in metres along ``right`` and ``up`` and has coordinate ``uv_m`` at ``origin``; ``light``
+        is a scalar or one value for each corner, counter-clockwise from ``origin``.
         """
         o, r, u = (np.asarray(a, np.float64) for a in (origin, right, up))
         width, height = float(np.linalg.norm(r)), float(np.linalg.norm(u))
         uv = np.array(((0.0, 0.0), (width, 0.0), (width, height), (0.0, height))) + uv_m
-        self.add(name, np.stack([o, o + r, o + r + u, o + u]), uv, shade, ((0, 1, 2), (0, 2, 3)), instance)
+        points, faces = np.stack([o, o + r, o + r + u, o + u]), ((0, 1, 2), (0, 2, 3))
+        self.add(name, points, uv, light, faces, instance, tint=tint, glow=glow)
 
     def finish(self, seed: int) -> tuple[SceneMesh, ...]:
         """One mesh per material, ordered by name."""
         return tuple(_merge(name, self._parts[name], seed) for name in sorted(self._parts))
 
 
-def _merge(name: str, parts: list, seed: int) -> SceneMesh:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """Faces of one call of :meth:`MeshBuilder.add`."""
+
+    points: Array
+    uv: Array
+    shade: Array
+    faces: NDArray[np.int64]
+    instance: int
+    semantic: int
+    tint: Array = field(default_factory=lambda: np.ones(3))
+    glow: float = 0.0
+
+
+def _merge(name: str, parts: list[_Part], seed: int) -> SceneMesh:
     import trimesh
     from PIL import Image
 
     skin = material(name, seed)
-    points, uv, shade = (np.concatenate([part[i] for part in parts]) for i in (0, 1, 2))
-    starts = np.cumsum([0] + [len(part[0]) for part in parts[:-1]])
-    faces = np.concatenate([part[3] + start for part, start in zip(parts, starts, strict=True)])
-    counts = [len(part[3]) for part in parts]
-    instance = np.repeat(np.array([part[4] for part in parts], np.int32), counts)
-    semantic = np.repeat(np.array([part[5] for part in parts], np.int8), counts)
-    tint = np.rint(255.0 * np.clip(shade, 0.0, 1.0)).astype(np.uint8)
+    points, uv, shade = (np.concatenate([getattr(part, key) for part in parts]) for key in ("points", "uv", "shade"))
+    starts = np.cumsum([0] + [len(part.points) for part in parts[:-1]])
+    faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)])
+    counts = [len(part.faces) for part in parts]
+    instance = np.repeat(np.array([part.instance for part in parts], np.int32), counts)
+    semantic = np.repeat(np.array([part.semantic for part in parts], np.int8), counts)
+    tint = np.repeat(np.array([part.tint for part in parts], np.float32), counts, axis=0)
+    glow = np.repeat(np.array([part.glow for part in parts], np.float32), counts)
+    colour = np.rint(255.0 * np.clip(shade, 0.0, 1.0)).astype(np.uint8)
     surface = trimesh.visual.material.PBRMaterial(
         name=name, baseColorTexture=Image.fromarray(skin.image), metallicFactor=0.0, roughnessFactor=1.0
     )
     visual = trimesh.visual.TextureVisuals(uv=uv / skin.size_m, material=surface)
-    visual.vertex_attributes["color"] = np.column_stack([tint, np.full(len(tint), 255, np.uint8)])
+    visual.vertex_attributes["color"] = np.column_stack([colour, np.full(len(colour), 255, np.uint8)])
     mesh = trimesh.Trimesh(points, faces, visual=visual, process=False, validate=False)
-    return SceneMesh(name, mesh, tint, semantic, instance)
+    return SceneMesh(name, mesh, colour, tint, glow, semantic, instance)

@@ -72,7 +72,7 @@ def _add_door(builder: MeshBuilder, plan: Floorplan, rooms: Rooms, lighting: Lig
     corner = np.array([*_middle(door)[0], 0.004])
     along = np.array([door.x2 - door.x1, door.y2 - door.y1, 0.0])
     across = np.array([*(_middle(door)[1] * depth), 0.0])
-    builder.add_quad("wood", corner - along / 2 - across / 2, along, across, 0.7 * np.ones(3), step)
+    builder.add_quad("wood", corner - along / 2 - across / 2, along, across, 0.7, step)
 
 
 def _add_lintel(
@@ -98,8 +98,9 @@ def _add_lintel(
                 * height_gradient([low, low, high, high], plan.ceiling_height)
             )
             up = np.array([0.0, 0.0, high - low])
-            shade = light[:, None] * style.wall_tint
-            builder.add_quad(style.wall, foot + [0, 0, low], right, up, shade, instance, (0.0, low))
+            builder.add_quad(
+                style.wall, foot + [0, 0, low], right, up, light, instance, (0.0, low), tint=style.wall_tint
+            )
 
 
 def _add_casing(plan: Floorplan, door: Opening, paint: SolidPainter, depth: float, top: float) -> None:
@@ -164,7 +165,7 @@ def _add_reveal(
         (corner + up + across, wide, -across, np.array([0.0, 0.0, -1.0])),
     ):
         light = 0.5 + 0.5 * lighting.facing(normal3)
-        builder.add_quad("lacquer", origin, right, rise, light * np.ones(3), instance)
+        builder.add_quad("lacquer", origin, right, rise, light, instance)
 
 
 def _add_pane(builder: MeshBuilder, window: Opening, low: float, high: float) -> None:
@@ -172,5 +173,5 @@ def _add_pane(builder: MeshBuilder, window: Opening, low: float, high: float) ->
     instance = builder.new_instance(OUTSIDE)
     along, up = np.array([window.x2 - window.x1, window.y2 - window.y1, 0.0]), np.array([0.0, 0.0, high - low])
     start = np.array([window.x1, window.y1, low])
-    builder.add_quad("outdoors", start, along, up, np.ones(3), instance, (0.0, low))
-    builder.add_quad("outdoors", start + along, -along, up, np.ones(3), instance, (0.0, low))
+    builder.add_quad("outdoors", start, along, up, 1.0, instance, (0.0, low), glow=1.0)
+    builder.add_quad("outdoors", start + along, -along, up, 1.0, instance, (0.0, low), glow=1.0)

@@ -133,10 +133,10 @@ def add_floors(builder: MeshBuilder, plan: Floorplan, rooms: Rooms) -> None:
                 continue
             near = _edge_weight(points, polygon, distance)
             uv = points @ np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-            shade = style.light * FLOOR_LIGHT * (1 - (1 - FLOOR_EDGE) * near)[:, None] * style.floor_tint
-            builder.add(style.floor, _lift(points, 0.0), uv, shade, faces, floor)
-            shade = style.light * CEILING_LIGHT * (1 - (1 - CEILING_EDGE) * near)[:, None] * np.ones(3)
-            builder.add("ceiling", _lift(points, plan.ceiling_height), uv * (-1, 1), shade, faces[:, ::-1], ceiling)
+            light = style.light * FLOOR_LIGHT * (1 - (1 - FLOOR_EDGE) * near)
+            builder.add(style.floor, _lift(points, 0.0), uv, light, faces, floor, tint=style.floor_tint)
+            light = style.light * CEILING_LIGHT * (1 - (1 - CEILING_EDGE) * near)
+            builder.add("ceiling", _lift(points, plan.ceiling_height), uv * (-1, 1), light, faces[:, ::-1], ceiling)
 
 
 def _patches(polygon: Any, rings: bool) -> list[tuple[Any, float]]:

@@ -64,10 +64,10 @@ class SolidPainter:
 
     def _quad(self, name: str, corner: Array, right: Array, up: Array, normal: Array, tint: ArrayLike) -> None:
         light = self.light * self.lighting.facing(normal)
-        shade = np.ones((4, 1)) * light * np.broadcast_to(np.asarray(tint, np.float64), (3,))
+        shade = np.full(4, light)
         if abs(normal[2]) < 0.5:
             shade[:2] *= FOOT_SHADE + (1 - FOOT_SHADE) * min(1.0, corner[2] / 0.6)
-        self.builder.add_quad(name, corner, right, up, shade, self.instance)
+        self.builder.add_quad(name, corner, right, up, shade, self.instance, tint=tint)
 
     def prism(
         self, name: str, centre: ArrayLike, radii: tuple[float, float], tint: ArrayLike = 1.0, *, sides: int = 10
@@ -79,18 +79,17 @@ class SolidPainter:
         ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(sides + 1)])
         base = np.array([cx, cy, 0.0])
         low, high = ((base + r * ring + [0, 0, z]) @ axes + origin for r, z in zip(radii, (z0, z1), strict=True))
-        rgb = np.broadcast_to(np.asarray(tint, np.float64), (3,)) * self.light
-        facing = np.array([self.lighting.facing(n @ axes) for n in ring])[:, None]
-        shade = np.concatenate([0.9 * facing * rgb, facing * rgb])
+        facing = self.light * np.array([self.lighting.facing(n @ axes) for n in ring])
+        shade = np.concatenate([0.9 * facing, facing])
         n = sides + 1
         k = np.arange(sides)
         faces = np.concatenate([np.stack([k, k + 1, k + n + 1], 1), np.stack([k, k + n + 1, k + n], 1)])
         u = np.tile(angle * max(radii), 2)
         uv = np.column_stack([u, np.repeat([z0, z1], n)])
-        self.builder.add(name, np.concatenate([low, high]), uv, shade, faces, self.instance)
+        self.builder.add(name, np.concatenate([low, high]), uv, shade, faces, self.instance, tint=tint)
         fan = np.stack([np.zeros(sides - 2, np.int64), np.arange(1, sides - 1), np.arange(2, sides)], 1)
         for points, up in ((high[:-1], True), (low[:-1], False)):
             if up or z0 > 0.01:
-                light = self.lighting.facing((0, 0, 1.0 if up else -1.0))
+                light = self.light * self.lighting.facing((0, 0, 1.0 if up else -1.0))
                 uv = points[:, :2] * (1.0 if up else -1.0, 1.0)
-                self.builder.add(name, points, uv, light * rgb, fan if up else fan[:, ::-1], self.instance)
+                self.builder.add(name, points, uv, light, fan if up else fan[:, ::-1], self.instance, tint=tint)

@@ -163,8 +163,8 @@ def _add_side(
     for name, tint, mask in ((style.wall, style.wall_tint, ~low), ("lacquer", np.ones(3), low)):
         if mask.any():
             used, index = np.unique(faces[mask].ravel(), return_inverse=True)
-            shade = light.reshape(-1, 1)[used] * tint
-            builder.add(name, points[used], uv[used], shade, index.reshape(-1, 3), instance)
+            shade = light.ravel()[used]
+            builder.add(name, points[used], uv[used], shade, index.reshape(-1, 3), instance, tint=tint)
 
 
 def _corner_ticks(side: _Side) -> list[float]:

@@ -1,0 +1,54 @@
+"""Facets: a scene as flat convex polygons in arrays, the form that kernels draw and light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+MOST_CORNERS = 16
+"""Corners of a facet at most."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Facets:
+    """Convex polygons, each of one instance, material and tint. Frame: the world's, moved so that ``origin`` is zero.
+
+    Faces of the scene that lie in one plane and continue each other are merged. The order is by cluster: facets that
+    lie close together, so that many can be passed over at once.
+    """
+
+    origin: NDArray[np.float64]
+    """(3,) m, world frame. float32 coordinates stay exact to 1e-5 m however far away a plan lies."""
+    vertices: NDArray[np.float32]
+    """(V, 3) m: corners, counter-clockwise from the visible side."""
+    first: NDArray[np.int32]
+    """(N + 1,): facet i has the corners first[i] to first[i + 1], from 3 to ``MOST_CORNERS``."""
+    plane: NDArray[np.float32]
+    """(N, 4): unit normal n towards the visible side and d, with n . p = d for the points p of the facet."""
+    texture: NDArray[np.float32]
+    """(N, 2, 4): u and v at p, in texture widths, are texture[:, :, :3] @ p + texture[:, :, 3]."""
+    material: NDArray[np.int32]
+    """(N,): which of ``materials`` it wears."""
+    materials: tuple[str, ...]
+    """Names, as in ``Scene.meshes``."""
+    tint: NDArray[np.float32]
+    """(N, 3): factor on the texture."""
+    glow: NDArray[np.float32]
+    """(N,): brightness of a facet that shines by itself; 0 for one that is lit."""
+    instance: NDArray[np.int32]
+    """(N,): from 1."""
+    semantic: NDArray[np.int8]
+    """(N,): class, as in ``galoc_env.scene_mesh``."""
+    light: NDArray[np.float32]
+    """(N, 2, 4): column and row at p in the facet's own rectangle of light texels are light[:, :, :3] @ p +
+    light[:, :, 3]. Texel centres are at integers, and the rectangle covers the facet: 0 <= column <= columns - 1."""
+    light_size: NDArray[np.int32]
+    """(N, 2): columns and rows of that rectangle, each at least 2."""
+    light_first: NDArray[np.int64]
+    """(N + 1,): texels light_first[i] to light_first[i + 1] are facet i's, row by row."""
+    cluster_first: NDArray[np.int32]
+    """(C + 1,): cluster c holds the facets cluster_first[c] to cluster_first[c + 1]."""
+    cluster_box: NDArray[np.float32]
+    """(C, 2, 3) m: lowest and highest corner of each cluster."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from galoc.camera import Camera
     from galoc_env.scene import Scene
 
-RENDERERS = ("gl",)
+RENDERERS = ("raster", "gl")
 """Names that :func:`make_renderer` knows."""
 
 NEAR, FAR = 0.05, 250.0
@@ -33,6 +33,8 @@ class Frame:
     """(H, W) m along the optical axis at the pixel's centre; inf where nothing is hit. None: not asked for."""
     instance: NDArray[np.int32] | None
     """(H, W) instance seen at the pixel's centre (see ``Scene.instance_semantic``); 0: nothing. None: not asked for."""
+    semantic: NDArray[np.uint8] | None = None
+    """(H, W) its class (see ``galoc_env.scene.SEMANTIC_NAMES``). None: not asked for."""
 
 
 class Renderer(Protocol):
@@ -45,7 +47,7 @@ class Renderer(Protocol):
             pose: x, y (m) and heading (rad) in the plan frame.
             height_m: camera height above the floor, m.
             gravity: true roll and pitch, rad (what an IMU without noise reads).
-            rgb_only: leave depth and instance out, which is faster.
+            rgb_only: leave depth, instance and semantic out, which is faster.
 
         Raises:
             GalocError: not finite, or out of range.
@@ -57,12 +59,22 @@ class Renderer(Protocol):
         ...
 
 
-def make_renderer(name: str, scene: Scene, camera: Camera) -> Renderer:
+def make_renderer(name: str, scene: Scene, camera: Camera, *, quality: str = "default") -> Renderer:
     """The named backend for a scene and a camera.
 
+    Args:
+        name: "raster" (numba: no system library, same bytes everywhere) or "gl" (pyrender).
+        scene: what to draw.
+        camera: intrinsics and size.
+        quality: "fast", "default" or "best"; "gl" has one quality only.
+
     Raises:
-        GalocError: unknown name, or the backend cannot work on this machine.
+        GalocError: unknown name or quality, or the backend cannot work on this machine.
     """
+    if name == "raster":
+        from galoc_env.render.raster import RasterRenderer
+
+        return RasterRenderer(scene, camera, quality)
     if name == "gl":
         from galoc_env.render.gl import GlRenderer
 

@@ -34,6 +34,7 @@ class GlRenderer:
             raise GalocError(f"{len(scene.instance_semantic)} instances", f"at most {MAX_INSTANCES}", "Split the plan.")
         self._context = get_context()
         self._camera = camera
+        self._semantic = scene.instance_semantic.astype(np.uint8)
         pyrender = self._context.pyrender
         flags = pyrender.constants.RenderFlags
         self._flat, self._seg = flags.FLAT, flags.SEG
@@ -56,7 +57,8 @@ class GlRenderer:
         if rgb_only:
             return Frame(rgb, None, None)
         code, z_buffer = self._draw(self._id_scene, world_from_gl, self._seg)
-        return Frame(rgb, _metric_depth(z_buffer), (code & 0xFFFFFF).astype(np.int32))
+        instance = (code & 0xFFFFFF).astype(np.int32)
+        return Frame(rgb, _metric_depth(z_buffer), instance, self._semantic[instance])
 
     def _draw(self, scene: Any, world_from_gl: NDArray[np.float64], flags: int) -> Any:
         scene.set_pose(scene.main_camera_node, world_from_gl)

@@ -1,0 +1,93 @@
+"""Pictures of many views: from pose to bytes, one kernel call for all of a worker's lanes."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from galoc_env.render._edges_kernel import smooth
+from galoc_env.render._shading_kernel import shade
+from galoc_env.render._visibility_kernel import visible
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def look(pose, height_m, gravity, origin, camera, view):
+    """Fill a view (16,): world from camera at a pose, seen from a home's origin, and fx, fy, cx, cy.
+
+    The rotation is that of ``galoc_env.render.world_from_camera``: heading, then R_x(pitch) @ R_z(roll).
+    """
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    cr, sr, cp, sp = math.cos(gravity[0]), math.sin(gravity[0]), math.cos(gravity[1]), math.sin(gravity[1])
+    # Columns are the camera's x, y and z axes in the levelled frame (x right, y down, z ahead).
+    level = ((cr, -sr, 0.0), (cp * sr, cp * cr, -sp), (sp * sr, sp * cr, cp))
+    for k in range(3):
+        view[k] = s * level[0][k] + c * level[2][k]
+        view[3 + k] = -c * level[0][k] + s * level[2][k]
+        view[6 + k] = -level[1][k]
+    view[9], view[10], view[11] = pose[0] - origin[0], pose[1] - origin[1], height_m - origin[2]
+    view[12:16] = camera
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def picture(view, width, height, stride, home, scene, work, smoothly, rgb, depth, instance, semantic):
+    """One picture, its edges smoothed or not."""
+    used = visible(view, width, height, stride, home, scene, work)
+    work[11][:used] = False
+    shade(view, width, height, stride, scene, work, rgb, depth, instance, semantic)
+    if smoothly:
+        smooth(width, height, stride, work, rgb)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def halve(width, height, fine, rgb):
+    """Mean of 2 x 2 pixels of a picture twice as wide and high; of squares, close to the mean of light."""
+    for y in range(height):
+        for x in range(width):
+            for k in range(3):
+                total = 0
+                for j in range(2):
+                    for i in range(2):
+                        value = np.int32(fine[3 * ((2 * y + j) * 2 * width + 2 * x + i) + k])
+                        total += value * value
+                rgb[3 * (y * width + x) + k] = np.uint8(math.sqrt(total * 0.25) + 0.5)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def draw(first, last, lanes, camera, size, homes, scene, work, outputs):
+    """Draw the lanes from ``first`` to ``last``.
+
+    Args:
+        first: lane.
+        last: lane after the last.
+        lanes: home (L,), pose (L, 3), height (L,), gravity (L, 2).
+        camera: (4,) fx, fy, cx, cy.
+        size: width, height, length of a buffer's row; 0 for plain edges, 1 for smooth ones, 2 for a picture that is
+            also drawn twice as fine and averaged.
+        homes: first and last cluster (H, 2), origin (H, 3).
+        scene: arrays of all homes, see ``galoc_env.render.drawable``.
+        work: buffers, see ``galoc_env.render.workspace``.
+        outputs: rgb (L, H * W * 3), depth, instance and semantic (L, H * W), the last three empty when not wanted.
+    """
+    width, height, stride, quality = size
+    which, poses, heights, gravities = lanes
+    rgb, depth, instance, semantic = outputs
+    view = np.empty(16)
+    with_ids = depth.shape[1] + instance.shape[1] + semantic.shape[1] > 0
+    for lane in range(first, last):
+        home = which[lane]
+        look(poses[lane], heights[lane], gravities[lane], homes[1][home], camera, view)
+        clusters = homes[0][home]
+        if quality < 2 or with_ids:
+            picture(
+                view, width, height, stride, clusters, scene, work, quality == 1,
+                rgb[lane], depth[lane], instance[lane], semantic[lane],
+            )  # fmt: skip
+        if quality == 2:
+            for k in range(4):  # pixel i becomes the pixels 2 i and 2 i + 1
+                view[12 + k] = 2.0 * camera[k] + (0.5 if k > 1 else 0.0)
+            fine, wide = work[15], -(-2 * width // 16) * 16
+            picture(
+                view, 2 * width, 2 * height, wide, clusters, scene, work, True,
+                fine, depth[lane, :0], instance[lane, :0], semantic[lane, :0],
+            )  # fmt: skip
+            halve(width, height, fine, rgb[lane])

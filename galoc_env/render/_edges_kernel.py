@@ -1,0 +1,94 @@
+"""Smooth edges: where neighbouring pixels see different facets, the facet's edge between them says in what shares.
+
+An edge that runs more upright than level shifts the border between left and right neighbours, any other the border
+between upper and lower ones: a pixel takes as much of its neighbour's colour as the edge leaves to the neighbour
+within it. That is exact for one straight edge, at any angle and without steps, and costs little, because only the
+pixels along edges are looked at. What is thinner than a pixel stays as it was drawn.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from galoc_env.render._lanes import differ, first_bit, load
+
+u4 = np.uint32
+LANES = 16
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def crossing(outlines, slot, at, along, axis):
+    """Where an outline crosses the line between the centres ``along`` and ``along`` + 1; -1 where it does not.
+
+    Args:
+        outlines: of all slots.
+        slot: whose.
+        at: the row (axis 0) or column (axis 1) of both pixels.
+        along: the first pixel's column or row.
+        axis: 0 for pixels side by side, 1 for one above the other.
+    """
+    count = int(outlines[slot, 0, 0])
+    for k in range(1, count + 1):
+        after = k + 1 if k < count else 1
+        a, b = outlines[slot, k, 1 - axis], outlines[slot, after, 1 - axis]
+        if (a > at) == (b > at):
+            continue
+        p, q = outlines[slot, k, axis], outlines[slot, after, axis]
+        if abs(q - p) > abs(b - a):
+            continue
+        where = p + (at - a) / (b - a) * (q - p)
+        if along <= where <= along + 1.0:
+            return where
+    return -1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def share(slots, planes, outlines, at, beside, row, column, axis):
+    """How far the border between two neighbours lies from the middle between them, px; 0 if no edge is there."""
+    one, other = slots[at], slots[beside]
+    if one < 0 or other < 0:
+        return 0.0
+    x, y = (column + 0.5, row + 0.0) if axis == 0 else (column + 0.0, row + 0.5)
+    a = planes[one, 0] + planes[one, 1] * x + planes[one, 2] * y
+    b = planes[other, 0] + planes[other, 1] * x + planes[other, 2] * y
+    near, far = (one, other) if a >= b else (other, one)
+    fixed, along = (row, column) if axis == 0 else (column, row)
+    where = crossing(outlines, near, fixed, along, axis)
+    if where < 0.0:
+        where = crossing(outlines, far, fixed, along, axis)
+    return 0.0 if where < 0.0 else where - along - 0.5
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def mix(rgb, to, beside, weight):
+    """Give a pixel a share of another's colour, as a mean of squares, close to that of light."""
+    for k in range(3):
+        own, others = float(rgb[to + k]), float(rgb[beside + k])
+        rgb[to + k] = np.uint8(math.sqrt(own * own + weight * (others * others - own * own)) + 0.5)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def smooth(width, height, stride, work, rgb):
+    """Smooth the edges of a picture (H * W * 3,) that ``shade`` has written."""
+    slots, planes, outlines = work[1], work[3], work[14]
+    for y in range(height):
+        for axis in range(2):  # this row's neighbours side by side, then those above
+            top = y - axis
+            if top < 0:
+                continue
+            step, skip = (1, 3) if axis == 0 else (stride, 3 * width)
+            for x0 in range(0, width, LANES):
+                at = top * stride + x0
+                edges = differ(load(slots, at), load(slots, at + step))
+                while edges != 0:
+                    x = x0 + first_bit(edges)
+                    edges &= edges - u4(1)
+                    if x >= width - (1 - axis):
+                        break
+                    off = share(slots, planes, outlines, top * stride + x, top * stride + x + step, top, x, axis)
+                    to = 3 * (top * width + x)
+                    if off < 0.0:
+                        mix(rgb, to, to + skip, -off)
+                    elif off > 0.0:
+                        mix(rgb, to + skip, to, off)

@@ -1,0 +1,139 @@
+"""Drawable: a lit scene in the arrays that the drawing kernels read; several make an arena's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from galoc_env.render._lanes import LANES
+from galoc_env.render.textures import TEXELS, digest, packed
+
+if TYPE_CHECKING:
+    from galoc_env.render.facets import Facets
+    from galoc_env.scene import Scene
+
+Arrays = tuple[NDArray, ...]
+
+UNIT = 2065
+"""Stored light at which a texture keeps its own colour (:func:`galoc_env.render._lanes.lit`, in steps of 16)."""
+BRIGHTEST = 4095
+"""Stored light has 12 bits."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawable:
+    """One scene. Columns of ``table``: plane (4), maps to texture u, v and light column, row (4 each).
+
+    Columns of ``index``: first vertex, vertex after the last, first texel, first light texel, light columns, light
+    rows, instance, semantic class.
+    """
+
+    vertices: NDArray[np.float32]
+    """(3, V) m."""
+    table: NDArray[np.float32]
+    """(N, 20)."""
+    index: NDArray[np.int32]
+    """(N, 8)."""
+    boxes: NDArray[np.float32]
+    """(C, 2, 3) m."""
+    cluster_first: NDArray[np.int32]
+    """(C + 1,)."""
+    textures: tuple[str, ...]
+    """Digests, in the order in which ``index`` counts texels."""
+    texels: tuple[NDArray[np.int64], ...]
+    """Packed texture of each."""
+    light: NDArray[np.uint64]
+    """(T,) packed light."""
+    origin: NDArray[np.float64]
+    """(3,) m."""
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Facets, clusters, and corners of the facets of a cluster at most."""
+        ends = self.index[self.cluster_first[1:] - 1, 1]
+        corners = ends - self.index[self.cluster_first[:-1], 0]
+        return len(self.table), len(self.boxes), int(corners.max())
+
+
+def drawable(scene: Scene, facets: Facets, light: NDArray[np.float32]) -> Drawable:
+    """Arrays of a scene.
+
+    Args:
+        scene: for its textures.
+        facets: of the scene.
+        light: (T, 3) linear light of the facets' light texels.
+    """
+    images = [np.asarray(mesh.mesh.visual.material.baseColorTexture) for mesh in scene.meshes]
+    names = tuple(digest(image) for image in images)
+    count = len(facets.plane)
+    table = np.concatenate([facets.plane, facets.texture.reshape(count, 8), facets.light.reshape(count, 8)], axis=1)
+    first_texel = facets.material.astype(np.int64) * TEXELS
+    columns = (facets.first[:-1], facets.first[1:], first_texel, facets.light_first[:-1], facets.light_size,
+               facets.instance, facets.semantic)  # fmt: skip
+    return Drawable(
+        np.ascontiguousarray(facets.vertices.T),
+        np.ascontiguousarray(table, np.float32),
+        np.column_stack(columns).astype(np.int32),
+        np.ascontiguousarray(facets.cluster_box),
+        facets.cluster_first,
+        names,
+        tuple(packed(image, name) for image, name in zip(images, names, strict=True)),
+        packed_light(facets, light),
+        facets.origin,
+    )
+
+
+def packed_light(facets: Facets, light: NDArray[np.float32]) -> NDArray[np.uint64]:
+    """(T,) what each texel's texture colour is multiplied with: three numbers of 12 bits, 20 bits apart.
+
+    Light is compressed (a place twice as bright as "full" is drawn 1.6 times as bright), brought to the picture's
+    scale by a square root (near sRGB's curve, and exact on every machine), and takes the facet's tint.
+    """
+    counts = np.diff(facets.light_first)
+    e = np.maximum(light.astype(np.float64), 0.0)
+    glow = np.repeat(facets.glow.astype(np.float64), counts)[:, None]
+    shown = np.where(glow > 0.0, glow, np.sqrt(1.35 * e / (1.0 + 0.35 * e)))
+    shown = shown * np.repeat(facets.tint.astype(np.float64), counts, axis=0)
+    level = np.clip(np.floor(UNIT * shown + 0.5), 0, BRIGHTEST).astype(np.int64)
+    return (level[:, 0] | level[:, 1] << 20 | level[:, 2] << 40).astype(np.uint64)
+
+
+def arena_arrays(homes: Sequence[Drawable]) -> tuple[Arrays, Arrays]:
+    """All homes in one set of arrays, equal textures once.
+
+    Returns:
+        The scene arrays (vertices, table, index, boxes, cluster_first, texels, light), and for each home its first and
+        last cluster (H, 2) and its origin (H, 3).
+    """
+    place: dict[str, int] = {}
+    texels: list[NDArray[np.int64]] = []
+    indices, firsts, ranges = [], [np.zeros(1, np.int32)], []
+    vertex = facet = cluster = lit = 0
+    for home in homes:
+        for name, texture in zip(home.textures, home.texels, strict=True):
+            if name not in place:
+                place[name] = len(texels) * TEXELS
+                texels.append(texture)
+        index = home.index.copy()
+        index[:, :2] += vertex
+        index[:, 2] = np.array([place[name] for name in home.textures], np.int64)[home.index[:, 2] // TEXELS]
+        index[:, 3] += lit
+        indices.append(index)
+        firsts.append(home.cluster_first[1:] + np.int32(facet))
+        ranges.append((cluster, cluster + len(home.boxes)))
+        vertex, facet = vertex + home.vertices.shape[1], facet + len(home.table)
+        cluster, lit = cluster + len(home.boxes), lit + len(home.light)
+    scene = (
+        np.concatenate([*(home.vertices for home in homes), np.zeros((3, LANES), np.float32)], axis=1),
+        np.concatenate([home.table for home in homes]),
+        np.concatenate(indices),
+        np.concatenate([home.boxes for home in homes]),
+        np.concatenate(firsts),
+        np.concatenate(texels),
+        np.concatenate([home.light for home in homes]),
+    )
+    return scene, (np.array(ranges, np.int32).reshape(-1, 2), np.array([home.origin for home in homes]).reshape(-1, 3))

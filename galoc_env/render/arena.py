@@ -7,12 +7,13 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from galoc.errors import GalocError
 from galoc_env.render.drawable import Arrays, Drawable, arena_arrays, drawable
-from galoc_env.render.workspace import LANES, Workspace
+from galoc_env.render.workspace import LANES, Sizes, Workspace
 
 if TYPE_CHECKING:
     from galoc.camera import Camera
@@ -52,6 +53,7 @@ class Arena:
         self._row: dict[int, int] = {}
         self._arrays: tuple[Arrays, Arrays] | None = None
         self._work: list[Workspace] = []
+        self._sizes: Sizes = (0, 0, 0)
         self._lock = threading.Lock()
 
     def add(self, scene: Scene) -> int:
@@ -109,21 +111,26 @@ class Arena:
             GalocError: wrong shape or kind of array, or an unknown home.
         """
         count = len(homes)
-        pixels = (self.camera.height, self.camera.width)
+        shape = (count, self.camera.height, self.camera.width)
         outputs = (
-            _flat("rgb", rgb, (count, *pixels, 3), np.uint8),
-            _flat("depth", depth, (count, *pixels), np.float32),
-            _flat("instance", instance, (count, *pixels), np.int32),
-            _flat("semantic", semantic, (count, *pixels), np.uint8),
+            _flat("rgb", rgb, (*shape, 3), np.uint8),
+            _flat("depth", depth, shape, np.float32),
+            _flat("instance", instance, shape, np.int32),
+            _flat("semantic", semantic, shape, np.uint8),
         )
+        views = (
+            np.ascontiguousarray(poses, np.float64),
+            np.ascontiguousarray(heights, np.float64),
+            np.ascontiguousarray(gravities, np.float64),
+        )
+        if views[0].shape != (count, 3) or views[1].shape != (count,) or views[2].shape != (count, 2):
+            got = f"views of shapes {[view.shape for view in views]}"
+            raise GalocError(
+                got, f"({count}, 3), ({count},) and ({count}, 2)", "Pass one row for each home in `homes`."
+            )
         with self._lock:
             scene, ranges = self._prepared()
-            rows = self._rows(homes)
-            lanes = (rows, *(np.ascontiguousarray(a, np.float64) for a in (poses, heights, gravities)))
-            shapes = tuple(a.shape for a in lanes[1:])
-            if shapes != ((count, 3), (count,), (count, 2)):
-                raise GalocError(f"views of shapes {shapes}", f"({count}, 3), ({count},), ({count}, 2)", "Check them.")
-            self._draw(lanes, ranges, scene, outputs)
+            self._draw((self._rows(homes), *views), ranges, scene, outputs)
 
     def _rows(self, homes: NDArray[np.int64]) -> NDArray[np.int64]:
         try:
@@ -139,35 +146,33 @@ class Arena:
                 raise GalocError("an arena without homes", "at least one", "Call add(scene) first.")
             self._row = {number: row for row, number in enumerate(self._homes)}
             self._arrays = arena_arrays(list(self._homes.values()))
+            sizes = np.array([home.sizes for home in self._homes.values()]).max(axis=0)
+            self._sizes = (int(sizes[0]), int(sizes[1]), int(sizes[2]))
+            if self._work and np.any(np.array(self._work[0].sizes) < sizes):
+                self._work = []
         return self._arrays
 
     def _draw(self, lanes: Arrays, ranges: Arrays, scene: Arrays, outputs: Arrays) -> None:
-        import numba
-
         from galoc_env.render._draw_kernel import draw
 
         count = len(lanes[0])
-        workers = max(1, min(int(numba.get_num_threads()), count))
+        workers = 1 if count == 1 else max(1, min(int(numba.get_num_threads()), count))
         spaces = self._spaces(workers)
+        if workers == 1:
+            draw(0, count, lanes, self._lens, self._size, ranges, scene, spaces[0].buffers, outputs)
+            return
         edges = [count * k // workers for k in range(workers + 1)]
-        fixed = (lanes, self._lens, self._size, ranges, scene)
 
         def task(k: int) -> None:
-            draw(edges[k], edges[k + 1], *fixed, spaces[k].buffers, outputs)
+            part = edges[k], edges[k + 1]
+            draw(*part, lanes, self._lens, self._size, ranges, scene, spaces[k].buffers, outputs)
 
-        if workers == 1:
-            task(0)
-        else:
-            list(_pool(workers).map(task, range(workers)))
+        list(_pool(workers).map(task, range(workers)))
 
     def _spaces(self, workers: int) -> list[Workspace]:
-        width, height, _, quality = self._size
-        largest = [home.sizes for home in self._homes.values()]
-        sizes = (max(s[0] for s in largest), max(s[1] for s in largest), max(s[2] for s in largest))
-        if self._work and any(have < need for have, need in zip(self._work[0].sizes, sizes, strict=True)):
-            self._work = []
         while len(self._work) < workers:
-            self._work.append(Workspace.of(width, height, 2 if quality == 2 else 1, sizes))
+            width, height, _, quality = self._size
+            self._work.append(Workspace.of(width, height, 2 if quality == 2 else 1, self._sizes))
         return self._work
 
 

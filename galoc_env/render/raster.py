@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from galoc.camera import MAX_TILT
 from galoc.errors import GalocError
 from galoc_env.render import Frame, world_from_camera
 from galoc_env.render.arena import Arena
@@ -14,6 +16,8 @@ from galoc_env.render.arena import Arena
 if TYPE_CHECKING:
     from galoc.camera import Camera
     from galoc_env.scene import Scene
+
+Array = NDArray[np.float64]
 
 
 class RasterRenderer:
@@ -37,8 +41,7 @@ class RasterRenderer:
         """Draw the scene from a pose; see :class:`galoc_env.render.Renderer`."""
         if self._arena is None:
             raise GalocError("a call of render() after close()", "an open renderer", "Make a new renderer.")
-        world_from_camera(pose, height_m, gravity)  # says what is wrong with a view
-        views = np.asarray(pose, np.float64)[None], np.array([float(height_m)]), np.asarray(gravity, np.float64)[None]
+        views = _checked(pose, height_m, gravity)
         rgb = np.empty((*self._shape, 3), np.uint8)
         if rgb_only:
             self._arena.render(self._home, *views, rgb)
@@ -51,3 +54,23 @@ class RasterRenderer:
     def close(self) -> None:
         """Free what the renderer holds; a second call does nothing."""
         self._arena = None
+
+
+def _checked(pose: ArrayLike, height_m: float, gravity: ArrayLike) -> tuple[Array, Array, Array]:
+    """A view as an arena takes it.
+
+    Raises:
+        GalocError: not finite, or tilted beyond 85 degrees.
+    """
+    views = (
+        np.array(pose, np.float64, ndmin=2),
+        np.array([height_m], np.float64),
+        np.array(gravity, np.float64, ndmin=2),
+    )
+    if views[0].shape == (1, 3) and views[2].shape == (1, 2):
+        x, y, heading = views[0][0].tolist()
+        roll, pitch = views[2][0].tolist()
+        if math.isfinite(x + y + heading + views[1][0]) and abs(roll) <= MAX_TILT and abs(pitch) <= MAX_TILT:
+            return views
+    world_from_camera(pose, height_m, gravity)  # says what is wrong
+    raise GalocError(f"a view of pose {pose!r}", "x, y and heading of one camera", "Pass three numbers.")

@@ -57,7 +57,7 @@ class Workspace:
                 np.zeros(LANES, f4),
                 np.zeros((facets, MOST // 2, 2)),  # per slot: number of corners, then the corners, px
                 np.zeros(3 * w * h if fineness > 1 else 0, np.uint8),  # the finer picture
-                np.zeros((MOST, 6)),  # outline of a facet: corner, and of each edge its lower end, upper end's row, slope; px
+                np.zeros((MOST, 6)),  # outline of a facet: corner; of each edge lower end, row of the upper, slope; px
             ),
             sizes,
         )

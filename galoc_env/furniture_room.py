@@ -31,6 +31,8 @@ class FreeRoom:
 
         self.plan = plan
         self.items: list[Furniture] = []
+        self.rugs: list[Furniture] = []
+        self._groups = 0
         self._space = plan.free_space()
         # Twice: as cell centres say it, and with half a cell's diagonal more, so that the way holds for every point of
         # its cells. Checking only the second would leave slivers of the first cut off.
@@ -56,6 +58,20 @@ class FreeRoom:
     def area(self) -> float:
         """Inside area of the plan, m2."""
         return float(self._space.area)
+
+    @property
+    def open_spots(self) -> Array:
+        """(P, 2) m: places in the open."""
+        return self._open
+
+    def new_group(self) -> int:
+        """A number for pieces that belong together, from 1."""
+        self._groups += 1
+        return self._groups
+
+    def swap(self, old: Furniture, new: Furniture) -> None:
+        """Put a piece with the same footprint in another's place."""
+        self.items[self.items.index(old)] = new
 
     def wall_spot(self, width: float, rng: np.random.Generator) -> tuple[Array, Array]:
         """A random point on a wall where ``width`` (m) fits beside it, and the unit normal of a random side."""
@@ -85,8 +101,11 @@ class FreeRoom:
             front: clear distance wanted before it, m.
             gap: least distance to other pieces, m.
         """
-        if not (self._fits(item, front) and self._apart(item, gap)):
+        if not self.fits(item, front) or not (item.flat or self._apart(item, gap)):
             return False
+        if item.flat:
+            self.rugs.append(item)
+            return True
         window, distance = self._around(item)
         views = [free[window] for free in self._free]
         blocked = [view & (distance < radius) for view, radius in zip(views, self._radii, strict=True)]
@@ -97,7 +116,7 @@ class FreeRoom:
         self.items.append(item)
         return True
 
-    def _fits(self, item: Furniture, front: float) -> bool:
+    def fits(self, item: Furniture, front: float) -> bool:
         """Inside, through no wall, away from doors, with its front clear, and before no window that it would cover."""
         import shapely
 

@@ -9,11 +9,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-SIZE = 256
-"""Edge of every texture, px (a power of two, for mipmaps)."""
+from galoc_env import materials_things as things
+from galoc_env import materials_walls as walls
+from galoc_env import materials_wood as woods
+from galoc_env.materials_noise import SIZE, Canvas, Field
 
-Array = NDArray[np.float64]
-Grid = tuple[Array, Array]
+__all__ = ["NAMES", "SIZE", "Material", "material"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,173 +29,80 @@ class Material:
     """Edge length that the image covers, m."""
 
 
-def _noise(rng: np.random.Generator, power: float, stretch: float = 1.0) -> Array:
-    """Periodic noise of unit variance with spectrum ``1 / f^power``; ``stretch`` > 1 draws it out along rows (up)."""
-    fy = np.fft.fftfreq(SIZE)[:, None] * stretch
-    fx = np.fft.fftfreq(SIZE)[None, :]
-    f2 = fx**2 + fy**2
-    f2[0, 0] = 1.0
-    spectrum = np.fft.fft2(rng.normal(size=(SIZE, SIZE))) / f2 ** (power / 2.0)
-    spectrum[0, 0] = 0.0
-    field = np.fft.ifft2(spectrum).real
-    return np.asarray(field / field.std())
-
-
-def _colour(base: tuple[float, float, float], field: Array, gain: tuple[float, float, float]) -> Array:
-    """Base colour plus a scalar field times a colour gain, (256, 256, 3) in 0..255."""
-    return np.asarray(base) + field[..., None] * np.asarray(gain)
-
-
-def _plaster(rng: np.random.Generator, _: Grid) -> Array:
-    return _colour((236, 232, 224), 1.6 * _noise(rng, 0.6) + 2.0 * _noise(rng, 1.8), (1, 1, 1))
-
-
-def _ceiling(rng: np.random.Generator, _: Grid) -> Array:
-    return _colour((246, 246, 243), 1.5 * _noise(rng, 0.5), (1, 1, 1))
-
-
-def _stripes(rng: np.random.Generator, grid: Grid) -> Array:
-    x, _ = grid
-    wave = np.tanh(6.0 * np.sin(2 * np.pi * 8 * x)) + 0.4 * np.sin(2 * np.pi * 16 * x)
-    return _colour((222, 214, 198), 8.0 * wave + 2.0 * _noise(rng, 1.0), (1.0, 0.98, 0.9))
-
-
-def _damask(rng: np.random.Generator, grid: Grid) -> Array:
-    x, y = 4 * grid[0], 4 * grid[1]
-    diagonals = np.cos(4 * np.pi * (x + y)) * np.cos(4 * np.pi * (x - y))
-    petal = np.cos(2 * np.pi * x) * np.cos(2 * np.pi * y) + 0.5 * diagonals
-    return _colour((206, 212, 206), 12.0 * np.tanh(4.0 * petal) + 2.0 * _noise(rng, 0.8), (1.0, 0.95, 0.9))
-
-
-def _brick(rng: np.random.Generator, grid: Grid) -> Array:
-    x, y = grid
-    row = np.floor(y * 16).astype(int)
-    column = (x * 6 + 0.5 * (row % 2)) % 6.0
-    in_row, in_brick = (y * 16) % 1.0, column % 1.0
-    tone = rng.normal(size=(16, 6))[row, np.floor(column).astype(int)]
-    image = _colour((168, 96, 76), 11.0 * tone + 7.0 * _noise(rng, 0.9), (1.0, 0.8, 0.7))
-    joint = (in_brick < 0.05) | (in_row < 0.13)
-    image[joint] = _colour((196, 190, 180), 4.0 * _noise(rng, 0.5), (1, 1, 1))[joint]
-    return image
-
-
-def _boards(rng: np.random.Generator, grid: Grid, base: tuple[float, float, float], count: int) -> Array:
-    """Boards that run along the rows (up), each with its own tone and end joint."""
-    x, y = grid
-    board = np.floor(x * count).astype(int)
-    tone, shift = rng.normal(size=count)[board], rng.uniform(size=count)[board]
-    grain = 5.0 * _noise(rng, 1.1, stretch=14.0) + 3.0 * _noise(rng, 1.8, stretch=6.0)
-    image = _colour(base, grain + 9.0 * tone, (1.0, 0.85, 0.65))
-    seam = ((x * count) % 1.0 < 0.025 * count / 6) | ((y + shift) % 1.0 < 0.006)
-    image[seam] *= 0.62
-    return image
-
-
-def _planks(rng: np.random.Generator, grid: Grid) -> Array:
-    return _boards(rng, grid, (186, 142, 98), 6)
-
-
-def _dark_planks(rng: np.random.Generator, grid: Grid) -> Array:
-    return _boards(rng, grid, (136, 98, 68), 10)
-
-
-def _tiles(rng: np.random.Generator, grid: Grid) -> Array:
-    x, y = 4 * grid[0], 4 * grid[1]
-    tone = rng.normal(size=(4, 4))[np.floor(y).astype(int), np.floor(x).astype(int)]
-    image = _colour((214, 214, 208), 4.0 * tone + 3.0 * _noise(rng, 1.6), (1, 1, 1))
-    image[(x % 1.0 < 0.025) | (y % 1.0 < 0.025)] = (158, 156, 150)
-    return image
-
-
-def _carpet(rng: np.random.Generator, _: Grid) -> Array:
-    return _colour((158, 156, 154), 9.0 * rng.normal(size=(SIZE, SIZE)) + 4.0 * _noise(rng, 1.2), (1, 1, 1))
-
-
-def _concrete(rng: np.random.Generator, _: Grid) -> Array:
-    return _colour((176, 174, 170), 3.0 * _noise(rng, 0.4) + 5.0 * _noise(rng, 1.6), (1, 1, 1))
-
-
-def _wood(rng: np.random.Generator, _: Grid) -> Array:
-    return _colour((176, 128, 84), 6.0 * _noise(rng, 1.2, stretch=12.0) + 3.0 * _noise(rng, 1.8), (1.0, 0.85, 0.65))
-
-
-def _fabric(rng: np.random.Generator, grid: Grid) -> Array:
-    x, y = grid
-    weave = np.sin(2 * np.pi * 64 * x) * np.sin(2 * np.pi * 64 * y)
-    return _colour((206, 206, 206), 9.0 * weave + 6.0 * _noise(rng, 0.9), (1, 1, 1))
-
-
-def _lacquer(rng: np.random.Generator, _: Grid) -> Array:
-    return _colour((244, 243, 240), 1.2 * _noise(rng, 1.0), (1, 1, 1))
-
-
-def _leaves(rng: np.random.Generator, _: Grid) -> Array:
-    return _colour((78, 122, 62), 24.0 * np.tanh(1.5 * _noise(rng, 1.3)) + 8.0 * _noise(rng, 0.6), (0.9, 1.0, 0.6))
-
-
-def _books(rng: np.random.Generator, grid: Grid) -> Array:
-    """Spines side by side in random colours."""
-    x, y = grid
-    spine = np.floor(x * 20).astype(int)
-    image = rng.uniform(70, 225, size=(20, 3))[spine]
-    image[(x * 20) % 1.0 < 0.1] *= 0.55
-    title = (np.abs(y - rng.uniform(0.3, 0.7, size=20)[spine]) < 0.06) & ((x * 20) % 1.0 > 0.25)
-    image[title] = 0.4 * image[title] + 140.0
-    return image
-
-
-def _outdoors(rng: np.random.Generator, grid: Grid) -> Array:
-    """Bright hazy sky over trees and a lawn. Image row 0 is the top; 5.2 m high, so that it wraps above any window."""
-    x, up = grid[0], 2.0 * (1.0 - grid[1])
-    high = np.minimum(up, 1.0)
-    sky = np.stack([236 - 30 * high, 243 - 14 * high, 252 + 2 * high], axis=-1) + (5.0 * _noise(rng, 2.2))[..., None]
-    crown = 0.52 + 0.03 * np.sin(2 * np.pi * 3 * x) + 0.015 * _noise(rng, 1.8)
-    hedge = np.clip((crown - up) * SIZE / 4 + 0.5, 0.0, 1.0)[..., None]
-    leaf = _colour((172, 194, 152), 12.0 * _noise(rng, 1.3), (0.9, 1.0, 0.8))
-    lawn = _colour((204, 222, 172), 5.0 * _noise(rng, 0.9), (0.9, 1.0, 0.7))
-    image = hedge * leaf + (1 - hedge) * sky
-    return np.asarray(np.where((up < 0.40)[..., None], lawn, image))
-
-
-_RECIPES: dict[str, tuple[Callable[[np.random.Generator, Grid], Array], float]] = {
-    "books": (_books, 0.8),
-    "brick": (_brick, 1.25),
-    "carpet": (_carpet, 1.0),
-    "ceiling": (_ceiling, 2.0),
-    "concrete": (_concrete, 2.4),
-    "damask": (_damask, 1.6),
-    "dark_planks": (_dark_planks, 1.2),
-    "fabric": (_fabric, 0.5),
-    "lacquer": (_lacquer, 1.0),
-    "leaves": (_leaves, 0.5),
-    "outdoors": (_outdoors, 5.2),
-    "planks": (_planks, 1.1),
-    "plaster": (_plaster, 2.0),
-    "stripes": (_stripes, 1.6),
-    "tiles": (_tiles, 1.6),
-    "wood": (_wood, 0.9),
+_RECIPES: dict[str, tuple[Callable[[Canvas], Field], float]] = {
+    "art": (things.art, 1.3),
+    "books": (things.books, 0.8),
+    "brick": (walls.brick, 1.25),
+    "carpet": (walls.carpet, 1.0),
+    "ceiling": (walls.ceiling, 2.0),
+    "check": (things.check, 0.6),
+    "checker_tiles": (walls.checker_tiles, 1.3),
+    "concrete": (walls.concrete, 2.4),
+    "damask": (walls.damask, 1.6),
+    "dark_planks": (woods.dark_planks, 1.2),
+    "fabric": (things.fabric, 0.5),
+    "floral": (walls.floral, 1.3),
+    "geometric": (walls.geometric, 1.3),
+    "granite": (walls.granite, 0.6),
+    "herringbone": (woods.herringbone, 1.2),
+    "lacquer": (things.lacquer, 1.0),
+    "leaves": (things.leaves, 0.5),
+    "loop_carpet": (walls.loop_carpet, 0.6),
+    "marble": (walls.marble, 1.4),
+    "metal": (things.metal, 0.6),
+    "metro": (walls.metro, 1.2),
+    "mirror": (things.mirror, 1.8),
+    "mosaic": (walls.mosaic, 0.7),
+    "oak": (woods.oak, 0.9),
+    "outdoors": (things.outdoors, 5.2),
+    "painted_wood": (woods.painted_wood, 0.9),
+    "pale_planks": (woods.pale_planks, 1.1),
+    "pine": (woods.pine, 0.9),
+    "planks": (woods.planks, 1.1),
+    "plaster": (walls.plaster, 2.0),
+    "rough_plaster": (walls.rough_plaster, 1.2),
+    "rug": (things.rug, 1.2),
+    "screen": (things.screen, 1.6),
+    "shade": (things.shade, 0.6),
+    "slabs": (walls.slabs, 1.8),
+    "stripes": (walls.stripes, 1.6),
+    "terrazzo": (walls.terrazzo, 0.9),
+    "ticking": (things.ticking, 0.6),
+    "tiles": (walls.tiles, 1.6),
+    "velvet": (things.velvet, 0.8),
+    "wall_tiles": (walls.wall_tiles, 1.5),
+    "walnut": (woods.walnut, 0.9),
+    "weave": (things.weave, 0.4),
+    "wood": (woods.wood, 0.9),
+    "white_brick": (walls.white_brick, 1.25),
+    "wood_panelling": (woods.wood_panelling, 1.1),
 }
-"""Name -> recipe and physical size (m)."""
+"""Name -> recipe and physical size (m), which varies by a tenth with the seed."""
 
 NAMES = tuple(sorted(_RECIPES))
 """Names of all materials."""
+_FIXED = ("outdoors",)  # drawn to the height of a window
 
 
-@lru_cache(maxsize=128)
+@lru_cache(maxsize=256)
 def material(name: str, seed: int) -> Material:
     """The named texture for a seed: the same bytes for the same arguments.
 
     Args:
-        name: one of :data:`NAMES`.
+        name: one of :data:`NAMES`, or such a name with a dot and a number ("art.2"): that many different ones can be
+            in one scene.
         seed: variant.
 
     Raises:
         KeyError: unknown name (a programming error: names never come from users).
     """
-    recipe, size_m = _RECIPES[name]
-    rng = np.random.default_rng([seed, NAMES.index(name)])
-    ticks = (np.arange(SIZE) + 0.5) / SIZE
-    x, y = np.meshgrid(ticks, ticks)
-    image = np.clip(np.rint(recipe(rng, (x, y))), 0, 255).astype(np.uint8)
+    kind, _, copy = name.partition(".")
+    recipe, size_m = _RECIPES[kind]
+    rng = np.random.default_rng([seed, int(copy or 0), *kind.encode()])
+    if kind not in _FIXED:
+        size_m *= float(rng.uniform(0.9, 1.1))
+    # In place: float images are large.
+    canvas = recipe(Canvas(rng))
+    image = np.clip(np.rint(canvas, out=canvas), 0, 255, out=canvas).astype(np.uint8)
     image.setflags(write=False)
     return Material(name, image, size_m)

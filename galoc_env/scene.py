@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,20 +14,27 @@ from galoc.errors import GalocError
 from galoc.floorplan import Floorplan
 from galoc.formats.atomic import write_atomic
 from galoc_env.furniture import Furniture, furnish
+from galoc_env.scene_ceilings import add_ceilings
+from galoc_env.scene_doors import Leaf, add_leaves, hang_leaves, leaf_edges, shut_lines
+from galoc_env.scene_dressing import add_dressing
+from galoc_env.scene_fittings import add_fittings, add_switches
 from galoc_env.scene_furniture import add_furniture
+from galoc_env.scene_ground import Clutter
+from galoc_env.scene_lamps import add_lamps, draw_sun
 from galoc_env.scene_light import Lamp, Lighting, Sun
 from galoc_env.scene_mesh import SEMANTIC_NAMES, MeshBuilder, SceneMesh
-from galoc_env.scene_openings import add_openings
+from galoc_env.scene_openings import add_doorways, find_holes
 from galoc_env.scene_rooms import add_floors, find_rooms
-from galoc_env.scene_walls import add_walls
+from galoc_env.scene_walls import add_walls, wall_sides, window_cuts
+from galoc_env.scene_windows import add_windows
 
 if TYPE_CHECKING:
     import trimesh
 
 __all__ = ["SEMANTIC_NAMES", "Scene", "SceneMesh", "build_scene"]
 
-VARIANTS = 8
-"""Number of variants of each texture: more would cost every reset its drawing time."""
+VARIANTS = 64
+"""Number of variants of each texture. Few are drawn twice; a home's cost 60 ms, and more would fill memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,13 +48,22 @@ class Scene:
     furniture: tuple[Furniture, ...]
     """What stands in it."""
     obstacles: NDArray[np.float64]
-    """(S, 4) m: x1, y1, x2, y2 of the footprint edges of all furniture."""
+    """(S, 4) m: x1, y1, x2, y2 of the footprint edges of furniture, then of open door leaves, then of shut doors."""
     instance_semantic: NDArray[np.int8]
     """(I + 1,): semantic class of each instance number; index 0 is "nothing". Instance i + 1 is plan segment i."""
     lamps: tuple[Lamp, ...] = ()
     """What lights it, beside the windows (the faces of class OUTSIDE)."""
     sun: Sun | None = None
     """Shines in through the windows; None on a dull day."""
+    leaves: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4)))
+    """(K, 4) m: footprint edges of open door leaves; they are in ``obstacles`` too."""
+    sight_plan: Floorplan | None = None
+    """The plan as a camera sees it, with walls where doors are shut; without such doors ``plan`` itself."""
+
+    def __post_init__(self) -> None:
+        """A scene made without it sees its plan."""
+        if self.sight_plan is None:
+            object.__setattr__(self, "sight_plan", self.plan)
 
     def as_trimesh(self) -> trimesh.Scene:
         """The same faces as a trimesh scene, nodes named by material; baked light as vertex colours."""
@@ -74,32 +90,65 @@ class Scene:
         return write_atomic(target, data)
 
 
-def build_scene(plan: Floorplan, *, furniture: float = 0.5, seed: int = 0) -> Scene:
-    """Build the world of a plan: the same plan, density and seed give the same scene, byte for byte.
+def build_scene(plan: Floorplan, *, furniture: float = 0.5, seed: int = 0, shut_doors: float = 0.0) -> Scene:
+    """Build the world of a plan: the same arguments give the same scene, byte for byte.
 
     Args:
         plan: any floorplan.
-        furniture: density from 0 (none) to 1 (crowded).
-        seed: a number from 0; chooses materials, tints, light and furniture.
+        furniture: density from 0 (none: bare rooms with lamps and doors) to 1 (crowded); what hangs on walls and at
+            windows goes with it.
+        seed: a number from 0; chooses materials, tints, light, furniture, fittings, and how far doors stand open.
+        shut_doors: share of doors that are shut, 0 to 1. An open door leaves its gap passable.
 
     Raises:
-        GalocError: density or seed out of range.
+        GalocError: density, share or seed out of range.
     """
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise GalocError(f"seed = {seed!r}", "a whole number from 0", "Pass seed=0, 1, 2, ...")
-    style_rng, item_rng, part_rng = (np.random.default_rng([int(seed), stream]) for stream in range(3))
-    items = furnish(plan, furniture, item_rng)
-    builder = MeshBuilder()
-    lighting = Lighting(float(style_rng.uniform(0.0, 2 * math.pi)))
-    rooms = find_rooms(plan, style_rng)
-    add_walls(builder, plan, rooms, lighting)
-    add_floors(builder, plan, rooms)
-    add_openings(builder, plan, rooms, lighting)
-    add_furniture(builder, items, rooms, lighting, part_rng)
-    edges = np.concatenate([item.edges() for item in items]) if items else np.zeros((0, 4))
-    edges.setflags(write=False)
-    lamps = tuple(
-        Lamp(*polygon.representative_point().coords[0], plan.ceiling_height - 0.35, (1.6, 1.5, 1.35))
-        for polygon in rooms.polygons
+    # One stream each, so that more of one thing moves nothing else.
+    style, item, part, leaf, window, fitting, sky, lamp = (
+        np.random.default_rng([int(seed), k]) for k in (0, 1, 2, 3, 4, 5, 6, 11)
     )
-    return Scene(plan, builder.finish(int(seed) % VARIANTS), items, edges, builder.semantics, lamps)
+    lighting = Lighting(float(style.uniform(0.0, 2 * math.pi)))
+    rooms = find_rooms(plan, style)
+    items = furnish(plan, furniture, item, rooms)
+    leaves = hang_leaves(plan, items, shut_doors, leaf)
+    builder = MeshBuilder()
+    sides, holes, cuts = wall_sides(plan, rooms), find_holes(plan, rooms), window_cuts(plan)
+    add_walls(builder, plan, rooms, sides, cuts, lighting)
+    add_floors(builder, plan, rooms)
+    add_doorways(builder, plan, holes, rooms.trim, lighting)
+    add_leaves(builder, leaves, rooms, lighting, leaf)
+    add_windows(builder, plan, holes, rooms.trim, lighting, window)
+    add_furniture(builder, items, rooms, lighting, part)
+    lamps = add_lamps(builder, plan, rooms, holes, lighting, lamp)
+    if furniture > 0.0:
+        clutter = Clutter([*items, *(one.box() for one in leaves)])
+        add_dressing(builder, plan, holes, rooms, clutter, lighting, furniture, window)
+        add_fittings(builder, plan, rooms, sides, cuts, clutter, lighting, furniture, fitting)
+        add_switches(builder, plan, holes, lighting, fitting)
+        add_ceilings(builder, plan, rooms, lighting, furniture, fitting)
+    swung, shut = leaf_edges(leaves), shut_lines(plan, leaves)
+    edges = np.concatenate([np.zeros((0, 4)), *(one.edges() for one in items), swung, shut])
+    for array in (edges, swung):
+        array.setflags(write=False)
+    return Scene(
+        plan,
+        builder.finish(int(seed) % VARIANTS),
+        items,
+        edges,
+        builder.semantics,
+        lamps,
+        draw_sun(holes, sky),
+        swung,
+        _sight_plan(plan, leaves, shut),
+    )
+
+
+def _sight_plan(plan: Floorplan, leaves: tuple[Leaf, ...], lines: NDArray[np.float64]) -> Floorplan:
+    """The plan with walls instead of shut doors."""
+    if not len(lines):
+        return plan
+    shut = {leaf.door for leaf in leaves if leaf.shut}
+    openings = tuple(opening for k, opening in enumerate(plan.openings) if k not in shut)
+    return replace(plan, segments=np.vstack([plan.segments, lines]), openings=openings)

@@ -15,10 +15,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-WALL, FLOOR, CEILING, DOOR, WINDOW, FURNITURE, OUTSIDE = 1, 2, 3, 4, 5, 6, 7
-"""Semantic class of a face (0: nothing). DOOR is a door's frame and lintel, WINDOW a window's frame and reveal."""
+WALL, FLOOR, CEILING, DOOR, WINDOW, FURNITURE, OUTSIDE, FITTING = 1, 2, 3, 4, 5, 6, 7, 8
+"""Semantic class of a face (0: nothing). DOOR is a door's frame, lintel and leaf, WINDOW a window's frame and reveal,
+FURNITURE what stands on the floor and is an obstacle, FITTING what hangs on walls and ceilings."""
 
-SEMANTIC_NAMES = ("nothing", "wall", "floor", "ceiling", "door", "window", "furniture", "outside")
+SEMANTIC_NAMES = ("nothing", "wall", "floor", "ceiling", "door", "window", "furniture", "outside", "fitting")
 """Name of each semantic class, by number."""
 
 
@@ -84,7 +85,8 @@ class MeshBuilder:
             glow: brightness of a face that shines by itself; 0 for one that is lit.
         """
         p, colour = np.asarray(points, np.float64), np.broadcast_to(np.asarray(tint, np.float64), (3,))
-        shade = np.broadcast_to(np.asarray(light, np.float64), (len(p),))[:, None] * colour
+        bright = np.asarray(min(glow, 1.0) if glow > 0.0 else light, np.float64)
+        shade = np.broadcast_to(bright, (len(p),))[:, None] * colour
         part = _Part(
             p, np.asarray(uv_m, np.float64), shade, np.asarray(faces, np.int64), instance, self._semantics[instance]
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from galoc_env.scene_light import CEILING_EDGE, CEILING_LIGHT, EDGE, FLOOR_EDGE, FLOOR_LIGHT
 from galoc_env.scene_mesh import CEILING, FLOOR, MeshBuilder
+from galoc_env.scene_styles import Style, Trim, draw_style, draw_trim, guess_uses, tinge
 
 if TYPE_CHECKING:
     from galoc.floorplan import Floorplan, Opening
@@ -26,33 +27,6 @@ MIN_WIDTH = 0.35
 """... and so are those narrower than this on average (m): a wall core may hold a disc where a chimney stands."""
 REST, CORE = -1, -2
 """Room numbers of what no wall encloses, and of wall cores and door steps."""
-_FLOORS = ("planks", "dark_planks", "tiles", "carpet", "planks", "carpet")
-_WALLS = ("plaster",) * 7 + ("stripes",) * 2 + ("damask",) * 2 + ("brick",)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Style:
-    """What a room wears."""
-
-    floor: str
-    """Material of the floor."""
-    wall: str
-    """Material of the walls."""
-    wall_tint: Array
-    """(3,) factor on the wall's texture."""
-    floor_tint: Array
-    """(3,) factor on the floor's texture."""
-    light: float
-    """Factor on everything: some rooms are darker than others."""
-
-
-def random_style(rng: np.random.Generator) -> Style:
-    """A room's style: materials, and tints that stay close to white on wallpaper and brick."""
-    wall = str(rng.choice(_WALLS))
-    spread = 0.20 if wall == "plaster" else 0.08
-    hue = rng.uniform(0.0, 2 * math.pi)
-    tint = 1.0 - spread * rng.uniform(0.0, 1.0) * (0.5 + 0.5 * np.cos(hue + np.array([0.0, 2.1, 4.2])))
-    return Style(str(rng.choice(_FLOORS)), wall, tint, rng.uniform(0.78, 1.0) * np.ones(3), rng.uniform(0.90, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +39,8 @@ class Rooms:
     """Style of each polygon, and last that of the rest."""
     cores: tuple[Any, ...] = ()
     """Shapely polygons too thin to be rooms: wall cores and door steps."""
+    trim: Trim = field(default_factory=Trim)
+    """Joinery of the home."""
 
     @cached_property
     def _tree(self) -> Any:
@@ -86,14 +62,20 @@ class Rooms:
         """Style of a number from :meth:`at`."""
         return self.styles[max(room, REST)]
 
+    def use(self, room: int) -> str:
+        """What a room is used for: one of ``scene_styles.USES``."""
+        return self.style(room).use
 
-def closing_lines(opening: Opening) -> Array:
-    """(2 or 1, 4) m: lines that close a door: along both wall faces, or along the one line of a thin wall."""
+
+def closing_lines(opening: Opening, overlap: float = 0.02) -> Array:
+    """(2 or 1, 4) m: lines that close a door: along both wall faces, or along the one line of a thin wall.
+
+    They reach ``overlap`` (m) beyond both ends of the gap.
+    """
     start, end = np.array([opening.x1, opening.y1]), np.array([opening.x2, opening.y2])
     along = (end - start) / max(opening.width, 1e-9)
     shift = opening.thickness / 2 * np.array([-along[1], along[0]])
-    # A hair longer than the gap, so that rounding leaves no leak at the ends.
-    start, end = start - 0.02 * along, end + 0.02 * along
+    start, end = start - overlap * along, end + overlap * along
     sides = (1.0, -1.0) if opening.thickness > 0.01 else (0.0,)
     return np.array([[*(start + s * shift), *(end + s * shift)] for s in sides])
 
@@ -102,6 +84,7 @@ def find_rooms(plan: Floorplan, rng: np.random.Generator) -> Rooms:
     """Polygons that walls and closed doors enclose, largest first."""
     import shapely
 
+    # A hair longer than the gap, so that rounding leaves no leak at the ends.
     doors = [closing_lines(o) for o in plan.openings if o.kind == "door" and o.width > 0]
     lines = np.concatenate([plan.segments, *doors])
     # Snapping to a millimetre makes ends that nearly meet meet, and noding robust.
@@ -110,9 +93,17 @@ def find_rooms(plan: Floorplan, rng: np.random.Generator) -> Rooms:
     width = 2 * shapely.area(cells) / np.maximum(shapely.length(cells), 1e-9)
     wide = (width > MIN_WIDTH) & ~shapely.is_empty(shapely.buffer(cells, -MIN_RADIUS))
     rooms = sorted(cells[wide], key=lambda cell: (-round(cell.area, 6), cell.bounds))
-    styles = [random_style(rng) for _ in range(len(rooms) + 1)]
-    styles[-1] = replace(styles[-1], wall="plaster", light=0.97)  # brick all through a big building is too much
-    return Rooms(tuple(rooms), tuple(styles), tuple(cells[~wide]))
+    centrelines = [shapely.LineString([(o.x1, o.y1), (o.x2, o.y2)]) for o in plan.openings if o.kind == "door"]
+    trim = draw_trim(rng)
+    uses = guess_uses(rooms, centrelines, rng)
+    styles = [draw_style(use, trim, rng) for use in uses]
+    styles = [
+        replace(style, accent_bearing=style.accent_bearing + _direction(room))
+        for style, room in zip(styles, rooms, strict=True)
+    ]
+    # Brick, deep colours and tiles all through a big building are too much.
+    rest = replace(draw_style("other", trim, rng), wall="plaster", wall_tint=tinge(rng, 0.12), dado=None, accent=None)
+    return Rooms(tuple(rooms), (*styles, replace(rest, light=0.97)), tuple(cells[~wide]), trim)
 
 
 def add_floors(builder: MeshBuilder, plan: Floorplan, rooms: Rooms) -> None:
@@ -136,7 +127,8 @@ def add_floors(builder: MeshBuilder, plan: Floorplan, rooms: Rooms) -> None:
             light = style.light * FLOOR_LIGHT * (1 - (1 - FLOOR_EDGE) * near)
             builder.add(style.floor, _lift(points, 0.0), uv, light, faces, floor, tint=style.floor_tint)
             light = style.light * CEILING_LIGHT * (1 - (1 - CEILING_EDGE) * near)
-            builder.add("ceiling", _lift(points, plan.ceiling_height), uv * (-1, 1), light, faces[:, ::-1], ceiling)
+            above = _lift(points, plan.ceiling_height)
+            builder.add("ceiling", above, uv * (-1, 1), light, faces[:, ::-1], ceiling, tint=style.ceiling_tint)
 
 
 def _patches(polygon: Any, rings: bool) -> list[tuple[Any, float]]:

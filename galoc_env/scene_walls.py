@@ -22,8 +22,6 @@ PARALLEL = math.radians(2.0)
 """A window cuts the wall faces that are parallel to it within this angle (rad) ..."""
 REACH = 0.03
 """... and closer to its centreline than half its thickness plus this, m."""
-SKIRTING = 0.08
-"""Height of the skirting board, m."""
 OVERLAP = 0.02
 """Walls reach this far through floor and ceiling, so that no crack shows the void, m."""
 _PROBE = 0.12
@@ -94,20 +92,28 @@ def _clean(values: Array, length: float) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Side:
+class Side:
     """One side of the stretch of a segment between two breakpoints."""
 
     segment: int
+    """Index in the plan."""
     start: float
+    """Along the segment, m."""
     end: float
+    """Along the segment, m."""
     along: Array
+    """(2,) unit vector."""
     normal: Array
+    """(2,) unit vector towards the viewer."""
     room: int
+    """What it faces: see :meth:`Rooms.at`."""
     dark_start: bool
+    """It starts in a room corner."""
     dark_end: bool
+    """It ends in a room corner."""
 
 
-def _sides(plan: Floorplan, rooms: Rooms) -> list[_Side]:
+def wall_sides(plan: Floorplan, rooms: Rooms) -> list[Side]:
     """All stretches, seen from both sides, with the room they face and whether they end in a room corner."""
     import shapely
 
@@ -132,26 +138,31 @@ def _sides(plan: Floorplan, rooms: Rooms) -> list[_Side]:
         probe = shapely.points(origin + along * s[:, None] + _PROBE * normal)
         which, _ = tree.query(probe, predicate="dwithin", distance=0.8 * _PROBE)
         dark.append(np.isin(np.arange(len(raw)), which))
-    return [_Side(*r, int(room[k]), bool(dark[0][k]), bool(dark[1][k])) for k, r in enumerate(raw)]
+    return [Side(*r, int(room[k]), bool(dark[0][k]), bool(dark[1][k])) for k, r in enumerate(raw)]
 
 
-def add_walls(builder: MeshBuilder, plan: Floorplan, rooms: Rooms, lighting: Lighting) -> None:
+def add_walls(
+    builder: MeshBuilder, plan: Floorplan, rooms: Rooms, sides: list[Side], cuts: list[list[Cut]], lighting: Lighting
+) -> None:
     """One instance per plan segment."""
-    cuts = window_cuts(plan)
     instances = [builder.new_instance(WALL) for _ in plan.segments]
-    for side in _sides(plan, rooms):
+    for side in sides:
         here = [c for c in cuts[side.segment] if c.end > side.start and c.start < side.end]
         _add_side(builder, plan, rooms, lighting, side, here, instances[side.segment])
 
 
 def _add_side(
-    builder: MeshBuilder, plan: Floorplan, rooms: Rooms, lighting: Lighting, side: _Side, cuts: list[Cut], instance: int
+    builder: MeshBuilder, plan: Floorplan, rooms: Rooms, lighting: Lighting, side: Side, cuts: list[Cut], instance: int
 ) -> None:
     style, height = rooms.style(side.room), plan.ceiling_height
     columns = _ticks(side.start, side.end, [c.start for c in cuts] + [c.end for c in cuts], _corner_ticks(side))
-    # Inside a wall nobody sees a gradient.
-    soft = [SKIRTING, EDGE, height - EDGE] if side.room != CORE else [SKIRTING]
-    rows = _ticks(-OVERLAP, height + OVERLAP, [z for c in cuts for z in (c.bottom, c.top)], soft)
+    bands = style.bands(side.normal, height)
+    exact = [z for c in cuts for z in (c.bottom, c.top)]
+    if side.room == CORE:
+        bands, soft = bands[-1:], []  # inside a wall nobody sees boards or gradients
+    else:
+        exact, soft = exact + [top for top, _ in bands], [EDGE, height - EDGE]
+    rows = _ticks(-OVERLAP, height + OVERLAP, exact, soft)
     s, z = np.meshgrid(columns, rows)
     xy = plan.segments[side.segment, :2] + s[..., None] * side.along
     points = np.dstack([xy, z]).reshape(-1, 3)
@@ -159,22 +170,23 @@ def _add_side(
     # The right-hand direction for a viewer in front of the wall is along x normal up, which flips u on one side.
     u = s if side.normal @ np.array([side.along[1], -side.along[0]]) > 0 else -s
     uv = np.stack([u, z], axis=-1).reshape(-1, 2)
-    faces, low = _grid_faces(columns, rows, cuts, flip=u is not s)
-    for name, tint, mask in ((style.wall, style.wall_tint, ~low), ("lacquer", np.ones(3), low)):
-        if mask.any():
-            used, index = np.unique(faces[mask].ravel(), return_inverse=True)
+    faces, middle = _grid_faces(columns, rows, cuts, flip=u is not s)
+    band = np.searchsorted([top for top, _ in bands], middle)
+    for k, (_, coat) in enumerate(bands):
+        if (band == k).any():
+            used, index = np.unique(faces[band == k].ravel(), return_inverse=True)
             shade = light.ravel()[used]
-            builder.add(name, points[used], uv[used], shade, index.reshape(-1, 3), instance, tint=tint)
+            builder.add(coat.name, points[used], uv[used], shade, index.reshape(-1, 3), instance, tint=coat.tint)
 
 
-def _corner_ticks(side: _Side) -> list[float]:
+def _corner_ticks(side: Side) -> list[float]:
     edge = min(EDGE, (side.end - side.start) / 2)
     if side.room == CORE:
         return []
     return [side.start + edge] * side.dark_start + [side.end - edge] * side.dark_end
 
 
-def _corner_gradient(side: _Side, s: Array) -> Array:
+def _corner_gradient(side: Side, s: Array) -> Array:
     edge = min(EDGE, (side.end - side.start) / 2)
     factor = np.ones_like(s)
     if side.dark_start:
@@ -193,10 +205,8 @@ def _ticks(low: float, high: float, exact: list[float], soft: list[float]) -> Ar
     return np.array(sorted(ticks))
 
 
-def _grid_faces(
-    columns: Array, rows: Array, cuts: list[Cut], flip: bool
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Triangles of the grid's cells outside the holes, and which of them belong to the skirting board."""
+def _grid_faces(columns: Array, rows: Array, cuts: list[Cut], flip: bool) -> tuple[NDArray[np.int64], Array]:
+    """Triangles of the grid's cells outside the holes, and the height of the middle of their cells, m."""
     n = len(columns)
     j, i = np.meshgrid(np.arange(n - 1), np.arange(len(rows) - 1))
     mid_s, mid_z = (columns[j] + columns[j + 1]) / 2, (rows[i] + rows[i + 1]) / 2
@@ -206,4 +216,4 @@ def _grid_faces(
     corner = (i * n + j)[solid]
     a, b, c, d = corner, corner + 1, corner + n + 1, corner + n
     faces = np.stack([a, b, c, a, c, d], axis=1).reshape(-1, 3)
-    return (faces[:, ::-1] if flip else faces), np.repeat(mid_z[solid] < SKIRTING, 2)
+    return (faces[:, ::-1] if flip else faces), np.repeat(mid_z[solid], 2)

@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-MOST_CORNERS = 16
+from galoc_env.render.facet_build import PAD, Triangles, dot, gather, polygons
+from galoc_env.render.facet_layout import boxes, clusters, light_rectangles, padded
+
+if TYPE_CHECKING:
+    from galoc_env.scene import Scene
+
+Array = NDArray[np.float64]
+
+MOST_CORNERS = PAD
 """Corners of a facet at most."""
+TEXEL = 0.20
+"""Spacing of light texels on large facets, m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,3 +63,60 @@ class Facets:
     """(C + 1,): cluster c holds the facets cluster_first[c] to cluster_first[c + 1]."""
     cluster_box: NDArray[np.float32]
     """(C, 2, 3) m: lowest and highest corner of each cluster."""
+
+
+def build_facets(scene: Scene, *, texel_m: float = TEXEL) -> Facets:
+    """The facets of a scene: the same scene gives the same bytes.
+
+    Args:
+        scene: any scene; faces without area are left out.
+        texel_m: spacing of light texels on large facets, m.
+
+    Raises:
+        GalocError: a face is not finite.
+    """
+    triangles, origin = gather(scene)
+    corners, first, chosen = polygons(triangles)
+    shape = padded(corners, first)
+    order, cluster_first = clusters(shape)
+    shape, chosen = shape[order], chosen[order]
+    names = tuple(mesh.name for mesh in scene.meshes)
+    return _facets(triangles, chosen, shape, np.diff(first)[order], cluster_first, origin, names, texel_m)
+
+
+def _facets(
+    t: Triangles,
+    chosen: NDArray[np.int64],
+    shape: Array,
+    count: NDArray[np.int64],
+    cluster_first: NDArray[np.int32],
+    origin: Array,
+    names: tuple[str, ...],
+    texel_m: float,
+) -> Facets:
+    """Facets of ordered polygons (N, PAD, 3) with ``count`` corners, each like its triangle ``chosen``."""
+    normal = t.normal[chosen]
+    middle = (shape.min(axis=1) + shape.max(axis=1)) / 2
+    offset = dot(normal, shape[:, 0])  # a corner: the middle of a box need not lie in the plane
+    texture = t.texture[chosen]
+    texture[:, :, 3] -= np.floor(dot(texture[:, :, :3], middle[:, None]) + texture[:, :, 3])
+    light, light_size = light_rectangles(shape, normal, texel_m)
+    light_first = np.concatenate([[0], np.cumsum(light_size.astype(np.int64).prod(axis=1))])
+    return Facets(
+        origin=origin,
+        vertices=shape[np.arange(PAD) < count[:, None]].astype(np.float32),
+        first=np.concatenate([[0], np.cumsum(count)]).astype(np.int32),
+        plane=np.column_stack([normal, offset]).astype(np.float32),
+        texture=texture.astype(np.float32),
+        material=t.material[chosen],
+        materials=names,
+        tint=t.tint[chosen],
+        glow=t.glow[chosen],
+        instance=t.instance[chosen],
+        semantic=t.semantic[chosen],
+        light=light.astype(np.float32),
+        light_size=light_size,
+        light_first=light_first,
+        cluster_first=cluster_first,
+        cluster_box=boxes(shape, cluster_first).astype(np.float32),
+    )

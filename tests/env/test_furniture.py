@@ -12,6 +12,8 @@ from scipy.ndimage import label
 from galoc import Floorplan, GalocError
 from galoc.floorplan import Opening
 from galoc_env.furniture import AGENT_RADIUS, DOOR_CLEARANCE, KINDS, MAX_ITEMS, Furniture, furnish
+from galoc_env.furniture_kinds import KINDS_BY_NAME
+from galoc_env.homes import generate
 
 PLANS = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "plans"
 
@@ -38,6 +40,8 @@ def reachable_parts(plan, items):
     cells = space.origin + space.resolution * np.stack(np.meshgrid(x, y), axis=-1)
     free = space.inside & (space.clearance >= AGENT_RADIUS)
     for item in items:
+        if item.flat:
+            continue
         free &= item.distance(cells) >= AGENT_RADIUS
     return label(free), label(space.inside & (space.clearance >= AGENT_RADIUS))
 
@@ -67,7 +71,7 @@ def test_nothing_overlaps_and_doors_stay_clear(angle_deg, seed):
         assert items[k].kind in KINDS and items[k].height < plan.ceiling_height
         assert not shape.intersects(walls)
         assert shape.distance(door) >= DOOR_CLEARANCE
-        assert all(shape.distance(other) > 0.0 for other in shapes[:k])
+        assert items[k].flat or all(shape.distance(other) > 0.0 for other in shapes[:k])  # rugs come last
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -80,9 +84,10 @@ def test_no_place_is_cut_off(seed):
 
 def test_most_pieces_have_a_wall_behind_them():
     plan = turned_plan()
-    items = [
-        i for s in range(4) for i in furnish(plan, 0.7, np.random.default_rng(s)) if i.kind not in ("table", "chair")
-    ]
+    seen = [i for s in range(4) for i in furnish(plan, 0.7, np.random.default_rng(s))]
+    # Seats stand before the table that they belong to.
+    items = [i for i in seen if not KINDS_BY_NAME[i.kind].free and i.kind != "armchair"]
+    assert len(items) > 0.4 * len(seen)
     walls = shapely.MultiLineString(list(plan.segments.reshape(-1, 2, 2)))
     for item in items:
         back = np.array([item.x, item.y]) - item.length / 2 * np.array([math.cos(item.heading), math.sin(item.heading)])
@@ -130,3 +135,63 @@ def test_a_huge_plan_is_quick_and_capped():
     items = furnish(plan, 1.0, np.random.default_rng(0))
     assert time.process_time() - start < 4.0  # about 1 s of processor time; room for a slow machine
     assert 0.5 * MAX_ITEMS < len(items) <= MAX_ITEMS + 6  # a table's chairs may come on top
+
+
+@pytest.fixture(scope="module")
+def homes():
+    """Eight furnished homes: plan, pieces."""
+    return [(plan, furnish(plan, 0.7, np.random.default_rng(n))) for n, plan in enumerate(map(generate, range(8)))]
+
+
+def test_homes_stay_passable(homes):
+    for plan, items in homes:
+        (after, parts), (before, _) = reachable_parts(plan, items)
+        assert parts == 1 or np.sort(np.bincount(after[after > 0]))[:-1].sum() < 0.02 * (before > 0).sum()
+
+
+def test_rugs_stop_nobody(homes):
+    seen = 0
+    for _, items in homes:
+        flat = [item.flat for item in items]
+        assert flat == sorted(flat)  # they come last
+        for rug in items[len(items) - sum(flat) :]:
+            assert rug.kind == "rug" and rug.edges().shape == (0, 4) and rug.height < 0.02
+            seen += 1
+    assert seen > 0
+
+
+def test_a_home_has_one_kitchen_of_joined_units(homes):
+    found = 0
+    for plan, items in homes:
+        units = [item for item in items if item.kind in ("kitchen", "counter", "fridge")]
+        assert len({item.group for item in units}) <= 1
+        found += bool(units)
+        letters = "".join(item.detail for item in units)
+        assert letters.count("H") <= 1 and letters.count("S") <= 1  # one hob, one sink
+        for item in units:
+            assert item.kind != "counter" or item.height == pytest.approx(0.9)
+            assert item.kind == "fridge" or len(item.detail) == pytest.approx(item.width / 0.62, abs=0.6)
+            assert item.height < plan.ceiling_height
+        if len(units) > 1:  # each stands close to another: 2 mm, or 4 cm at the inner corner
+            boxes = [shapely.Polygon(item.corners()) for item in units]
+            for box in boxes:
+                gaps = [box.distance(other) for other in boxes if other is not box]
+                assert 0.0 < min(gaps) < 0.65
+    assert found >= 6
+
+
+def test_pieces_that_belong_together_stand_together(homes):
+    tables, pairs = 0, 0
+    for _, items in homes:
+        for item in items:
+            others = [other for other in items if other is not item and other.group == item.group > 0]
+            if item.kind == "nightstand":
+                near = [o for o in others if o.kind in ("bed", "sofa")]
+                assert near and abs(near[0].heading - item.heading) < 1e-9
+                assert shapely.Polygon(near[0].corners()).distance(shapely.Polygon(item.corners())) < 0.1
+                pairs += 1
+            if item.kind == "chair" and item.group:
+                seats = [t for t in items if t.kind in ("table", "round_table")]
+                assert min(t.distance(np.array([item.x, item.y])) for t in seats) < 0.5
+                tables += 1
+    assert tables > 10 and pairs > 4

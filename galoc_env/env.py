@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
-from galoc import Floorplan
-from galoc_env import motion, observe, sensors, settings
-from galoc_env import scoring as scores  # `scoring` is an argument's name
+from galoc_env import motion, settings
+from galoc_env.bodies import Bodies
+from galoc_env.settings import DEFAULT_RENDERER
 from galoc_env.world import Episode, Snapshot, World
+from galoc_env.worlds import Worlds
 
-Array = NDArray[np.float64]
 Observation = dict[str, Any]
 
 
@@ -94,7 +92,8 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
     | `localizer` | "galoc" | "galoc", "none" or "module:Class" (below) |
     | `geometry` | "ml" | "ml" or "paper" |
     | `scoring` | "likelihood" | "likelihood" or "cosine"; only paper + cosine is the paper's method |
-    | `renderer` | "gl" | "gl": pyrender; "none": `image` stays zero, all else is unchanged |
+    | `renderer` | "raster" | "raster": numba; "gl": pyrender; "none": `image` stays zero, all else is unchanged |
+    | `quality` | "default" | "fast", "default" or "best" pictures, of "raster" only |
     | `width`, `height` | 320, 240 | image size, px; 16 to 4096 |
     | `hfov_deg` | 108.0 | horizontal field of view, degrees; 10 to 170 |
     | `camera_height` | 1.4 | above the floor, m; below the ceiling |
@@ -102,6 +101,8 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
     | `imu_noise_deg` | 0.5 | sd of each gravity reading, degrees |
     | `odometry_noise` | 0.02 | sd as a fraction of the motion (:func:`galoc_env.sensors.measure_odometry`) |
     | `furniture` | 0.5 | density, 0 to 1 |
+    | `shut_doors` | 0.0 | share of the doors that are shut, 0 to 1: walls to camera and body, not in the map |
+    | `imaging` | None | what the camera does to `image`: preset or dict (:mod:`galoc_env.imaging`); None: nothing |
     | `actions` | "discrete" | "discrete" or "continuous" |
     | `reward` | "log_belief" | see Rewards |
     | `render_mode` | None | "rgb_array": 1280 x 720 picture of view, belief, truth and estimate |
@@ -112,6 +113,10 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
     detector does not.
 
     Each noise has an exact zero and its own random stream: changing one leaves the others' values as they were.
+    Nor does it matter who looks: the detector's noise depends on the episode and the step alone.
+
+    ## Many at once
+    :class:`galoc_env.vector.FloorplanVectorEnv` steps many of these in one process, to the same bytes.
 
     ## Info
     `pose` (3,) true pose; `collided`; and with a localizer `estimate` (3,) (zero when there is nothing to report),
@@ -134,7 +139,8 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
         localizer: str = "galoc",
         geometry: str = "ml",
         scoring: str = "likelihood",
-        renderer: str = "gl",
+        renderer: str = DEFAULT_RENDERER,
+        quality: str = "default",
         width: int = 320,
         height: int = 240,
         hfov_deg: float = 108.0,
@@ -143,6 +149,8 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
         imu_noise_deg: float = 0.5,
         odometry_noise: float = 0.02,
         furniture: float = 0.5,
+        shut_doors: float = 0.0,
+        imaging: str | dict[str, Any] | None = None,
         actions: str = "discrete",
         reward: str = "log_belief",
         render_mode: str | None = None,
@@ -151,11 +159,13 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
         self.settings = settings.Settings(**given)
         self.camera = self.settings.camera()
         self.render_mode = render_mode
-        self.action_space = spaces.Discrete(4) if actions == "discrete" else spaces.Box(-1.0, 1.0, (3,), np.float32)
+        self.action_space = settings.action_space(self.settings)
         self.observation_space = settings.observation_space(self.settings)
         self.world: World | None = None
         self.episode: Episode | None = None
-        self._fixed_plan = None if plan is None else Floorplan.load(plan)
+        self._worlds = Worlds(self.settings, 1)
+        self._bodies = Bodies(1, self.settings)
+        self._imaging = settings.imaging(self.settings) if self.settings.draws else None
         self._painter: Any = None
 
     def reset(
@@ -168,18 +178,19 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
         """
         super().reset(seed=seed)
         options = settings.checked_options(options, self.settings)
-        self._enter_world(seed, options.get("plan_seed"))
-        world = self._world()
-        start_rng, tilt_rng, *sensor_rngs = self.np_random.spawn(5)
-        if "pose" in options:
-            pose = motion.checked_start(options["pose"], world.plan, world.obstacles)
-        else:
-            pose = world.random_pose(start_rng)
-        tilt = sensors.Tilt.random(math.radians(self.settings.tilt_deg), tilt_rng)
-        self.episode = Episode(tilt, sensor_rngs, motion.Moved(pose, np.zeros(3), False))
-        if world.observer is not None:
-            world.observer.reset()
-        return self._observe(), self._info()
+        world = self._enter_world(seed, options.get("plan_seed"))
+        self.episode = Episode.start(
+            world,
+            world.observer,
+            self.settings,
+            self.camera,
+            self._bodies,
+            0,
+            self.np_random,
+            options.get("pose"),
+        )
+        observation = self._observe(self.episode)
+        return observation, self._info(self.episode)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Move, observe, localize, score.
@@ -187,16 +198,12 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
         Raises:
             GalocError: an action out of the action space.
         """
-        episode, world = self._episode(), self._world()
-        wanted = motion.commanded_motion(action, self.settings.actions)
-        before = episode.scores[-1] if episode.scores else None
-        episode.moved = motion.move(episode.moved.pose, wanted, world.obstacles)
-        episode.steps += 1
-        observation = self._observe()
-        held = scores.has_held(episode.errors_m) and not episode.succeeded
-        episode.succeeded |= held
-        value = 0.0 if before is None else scores.reward(self.settings.reward, before, episode.scores[-1], held)
-        return observation, value, held and self.settings.reward == "success", False, self._info()
+        episode = self._episode()
+        self._bodies.wanted[0] = motion.commanded_motion(action, self.settings.actions)
+        self._bodies.step()
+        observation = self._observe(episode)
+        reward, ends = episode.pay()
+        return observation, reward, ends, False, self._info(episode)
 
     def render(self) -> NDArray[np.uint8] | None:
         """The view with its wireframe beside the plan with belief, truth and estimate: (720, 1280, 3) uint8 RGB."""
@@ -204,96 +211,54 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
             return None
         from galoc_env.film import Painter
 
-        if self._painter is None or self._painter.plan is not self._world().plan:
-            self._painter = Painter(self._world().plan, self._world().furniture)
+        world = self._episode().world
+        if self._painter is None or self._painter.plan is not world.plan:
+            self._painter = Painter(world.plan, world.furniture)
         return self._painter.paint(self.snapshot())
 
     def snapshot(self) -> Snapshot:
         """Everything about the current step that a picture or a report needs."""
-        return Snapshot.of(self._world(), self._episode(), self.settings)
+        return Snapshot.of(self._episode())
 
     def close(self) -> None:
         """Free the renderer."""
-        if self.world is not None:
-            self.world.close()
+        self._worlds.close()
         self.world, self.episode, self._painter = None, None, None
-
-    def _world(self) -> World:
-        if self.world is None:
-            raise gymnasium.error.ResetNeeded("Call reset() before step() or render().")
-        return self.world
 
     def _episode(self) -> Episode:
         if self.episode is None:
             raise gymnasium.error.ResetNeeded("Call reset() before step() or render().")
         return self.episode
 
-    def _enter_world(self, seed: int | None, plan_seed: int | None) -> None:
-        """Build the world of this episode, unless it is the one we are in (built here, in the worker: spawn-safe)."""
-        if self._fixed_plan is not None:
-            number = 0
-        elif plan_seed is not None:
-            number = plan_seed
-        elif seed is not None:
-            number = seed % settings.HOMES
-        elif self.world is not None:
-            return
-        else:
-            number = int(self.np_random.spawn(1)[0].integers(settings.HOMES))
-        if self.world is not None and self.world.number == number:
-            return
-        if self.world is not None:
-            self.world.close()
-            self.world = None
-        plan = self._fixed_plan
-        if plan is None:
-            from galoc_env.homes import generate
+    def _enter_world(self, seed: int | None, plan_seed: int | None) -> World:
+        """The world of this episode; what held on to another one is let go first."""
+        number = self._worlds.number(seed, plan_seed, self.world, self.np_random)
+        if self.world is None or self.world.number != number:
+            self.world, self.episode = None, None
+            world = self._worlds.enter(number)
+            world.observer = world.make_observer(self.settings, self.camera)
+            self._bodies.surround([world.obstacles])
+            self.world = world
+        return self.world
 
-            plan = generate(number, split=self.settings.split)
-        self.world = World.build(plan, number, self.settings, self.camera)
-
-    def _observe(self) -> Observation:
-        """Draw, sense, detect and localize at the current pose."""
-        episode, world = self._episode(), self._world()
-        pose, setting = episode.moved.pose, self.settings
-        imu_rng, odometry_rng, detector_rng = episode.sensor_rngs
-        tilt = episode.tilt.at(episode.steps)
-        gravity = sensors.measure_gravity(tilt, math.radians(setting.imu_noise_deg), imu_rng)
-        odometry = sensors.measure_odometry(episode.moved.odometry, setting.odometry_noise, odometry_rng)
-        episode.wireframe = world.wireframe(pose, tilt, setting, self.camera, detector_rng)
-        episode.image = world.image(pose, tilt, setting, self.camera)
+    def _observe(self, episode: Episode) -> Observation:
+        """Draw, and localize where there is a localizer."""
+        bodies, world = self._bodies, episode.world
+        pose, tilt = bodies.pose[0].copy(), bodies.tilt[0]
+        image = world.image(pose, tilt, self.settings, self.camera)
+        if self._imaging is not None:
+            image = episode.imaged(image, self._imaging)
+        episode.image = image
         episode.trail.append(pose)
-        box = self.observation_space
-        assert isinstance(box, spaces.Dict)
-        observation: Observation = {
-            "image": episode.image,
-            "gravity": settings.clipped(gravity, box["gravity"]),
-            "odometry": settings.clipped(odometry, box["odometry"]),
-        }
-        if world.observer is not None:
-            estimate = world.observer.step(episode.wireframe, gravity, odometry)
-            now = scores.score(estimate, world.observer.belief, pose)
-            episode.take(estimate, now)
-            observation["belief"] = world.observer.belief_observation()
-            observation["estimate"] = settings.clipped(observe.estimate_observation(estimate), box["estimate"])
+        reading = bodies.reading[0].copy()
+        observation: Observation = {"image": image, "gravity": reading[:2], "odometry": reading[2:]}
+        if episode.observer is not None:
+            observation.update(episode.localize())
         return observation
 
-    def _info(self) -> dict[str, Any]:
-        episode = self._episode()
-        info: dict[str, Any] = {"pose": episode.moved.pose.copy(), "collided": episode.moved.collided}
-        estimate = episode.estimate
-        if estimate is None:
-            return info
-        now = episode.scores[-1]
-        if not math.isnan(now.entropy):
-            info["entropy"] = now.entropy
-        return {
-            **info,
-            # No NaN in here: it is not equal to itself, and determinism is checked by comparing infos.
-            "estimate": np.array(estimate.pose if math.isfinite(now.error_m) else np.zeros(3), dtype=np.float64),
-            "error_m": now.error_m,
-            "error_rad": now.error_rad,
-            "coverage": 0.0 if estimate.rays is None else estimate.rays.coverage,
-            "abstained": bool(estimate.abstained),
-            "metrics": scores.episode_metrics(episode.errors_m, [s.error_rad for s in episode.scores]),
-        }
+    def _info(self, episode: Episode) -> dict[str, Any]:
+        bodies = self._bodies
+        info: dict[str, Any] = {"pose": bodies.pose[0].copy(), "collided": bodies.has_collided(0)}
+        if episode.estimate is not None:
+            info.update(episode.verdict())
+        return info

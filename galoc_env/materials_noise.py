@@ -85,8 +85,8 @@ class Canvas:
     def colour(self, saturation: tuple[float, float], value: tuple[float, float]) -> Field:
         """(3,) 0..255: a random hue; homes have more warm ones, and strong green and violet are rare."""
         hue = self.rng.uniform()
-        if self.rng.uniform() < 0.5:
-            hue = self.rng.choice((0.09, 0.11, 0.58)) + self.rng.normal(0.0, 0.035)
+        if self.rng.uniform() < 0.65:
+            hue = self.rng.choice((0.06, 0.09, 0.11, 0.30, 0.55, 0.60)) + self.rng.normal(0.0, 0.03)
         rgb = colorsys.hsv_to_rgb(hue % 1.0, self.rng.uniform(*saturation), self.rng.uniform(*value))
         return np.array(rgb, np.float32) * 255.0
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from galoc import Floorplan, GalocError
+from galoc_env import _motion_kernel as kernel
 
 Array = NDArray[np.float64]
 
@@ -18,12 +19,14 @@ STEP_M = 0.3
 """Length of one discrete forward or backward step, and of a full continuous one, m."""
 TURN_RAD = math.radians(30.0)
 """Angle of one discrete turn, and of a full continuous one, rad."""
-SKIN_M = 1e-6
+SKIN_M = kernel.SKIN_M
 """The body stops this far short of contact, so that rounding never leaves it inside a wall (m)."""
 
 FORWARD, BACKWARD, LEFT, RIGHT = 0, 1, 2, 3
 """The discrete actions."""
 _DISCRETE = np.array([[STEP_M, 0, 0], [-STEP_M, 0, 0], [0, 0, TURN_RAD], [0, 0, -TURN_RAD]], dtype=np.float64)
+_DISCRETE.setflags(write=False)
+_ROWS = tuple(_DISCRETE)
 _CONTINUOUS = np.array([STEP_M, STEP_M, TURN_RAD])
 
 
@@ -56,25 +59,47 @@ def commanded_motion(action: object, actions: str) -> Array:
         GalocError: not an action of that space (NaN and out of range included).
     """
     if actions == "discrete":
+        # What action_space.sample() and agents give; numpy's own conversions would cost more than the motion.
+        kind = type(action)
+        if (kind is int or kind is np.int64) and 0 <= action < len(_ROWS):  # type: ignore[operator]
+            return _ROWS[action]  # type: ignore[call-overload]
         value = np.asarray(action)
-        if value.size != 1 or value.dtype.kind not in "iu" or not 0 <= int(value.reshape(())) < len(_DISCRETE):
-            raise GalocError(
-                f"action = {action!r}",
-                "0 (forward), 1 (backward), 2 (turn left) or 3 (turn right)",
-                "Draw actions from env.action_space.",
-            )
-        return _DISCRETE[int(value.reshape(()))].copy()
+        if value.size != 1:
+            raise _not_an_action(action, actions)
+        return commanded_motions(value.reshape(1), actions)[0]
     try:
         vector = np.asarray(action, dtype=np.float64)
     except (TypeError, ValueError):
-        vector = np.full(1, np.nan)
-    if vector.shape != (3,) or not np.all(np.abs(vector) <= 1.0):
-        raise GalocError(
-            f"action = {action!r}",
-            "three finite numbers within [-1, 1]",
-            "Clip the policy's output to the action space.",
-        )
-    return vector * _CONTINUOUS
+        vector = np.zeros(0)
+    if vector.shape != (3,):
+        raise _not_an_action(action, actions)
+    return commanded_motions(vector[None], actions)[0]
+
+
+def commanded_motions(chosen: NDArray, actions: str) -> Array:
+    """(L, 3) the same for many bodies: L whole numbers, or (L, 3) numbers within [-1, 1].
+
+    Raises:
+        GalocError: one of them is not an action of that space.
+    """
+    if actions == "discrete":
+        if chosen.dtype.kind not in "iu" or not np.all((chosen >= 0) & (chosen < len(_ROWS))):
+            raise _not_an_action(chosen, actions)
+        return _DISCRETE[chosen]
+    if not np.all(np.abs(chosen) <= 1.0):
+        raise _not_an_action(chosen, actions)
+    return chosen * _CONTINUOUS
+
+
+def _not_an_action(action: object, actions: str) -> GalocError:
+    if actions == "discrete":
+        expected = "0 (forward), 1 (backward), 2 (turn left) or 3 (turn right)"
+        return GalocError(f"action = {action!r}", expected, "Draw actions from env.action_space.")
+    return GalocError(
+        f"action = {action!r}",
+        "three finite numbers within [-1, 1]",
+        "Clip the policy's output to the action space.",
+    )
 
 
 def distances(xy: ArrayLike, segments: Array) -> Array:
@@ -99,45 +124,9 @@ def free_fraction(start: Array, shift: Array, segments: Array, radius: float = B
         segments: (S, 4) m.
         radius: m.
     """
-    length = float(np.hypot(shift[0], shift[1]))
-    if length < 1e-12 or len(segments) == 0:
-        return 1.0
-    a, b = segments[:, :2] - start, segments[:, 2:] - start
-    gap = np.maximum(np.minimum(a, b), -np.maximum(a, b)).max(axis=1)  # to the bounding box, along the worse axis
-    near = gap <= length + radius + SKIN_M
-    a, b = a[near], b[near]
-    if len(a) == 0:
-        return 1.0
-    u = shift / length
-    travel = min(_first_disc_hit(np.concatenate([a, b]), u, radius), _first_side_hit(a, b, u, radius), length)
-    return 1.0 if travel >= length else max(0.0, travel - SKIN_M) / length
-
-
-def _first_disc_hit(points: Array, u: Array, radius: float) -> float:
-    """Distance along unit u at which a disc at the origin first touches one of the points, inf for never."""
-    along = points @ u
-    off2 = np.einsum("ij,ij->i", points, points) - along**2
-    hit = (along > 0.0) & (off2 < radius**2)
-    if not hit.any():
-        return math.inf
-    return float(np.maximum(along[hit] - np.sqrt(radius**2 - off2[hit]), 0.0).min())
-
-
-def _first_side_hit(a: Array, b: Array, u: Array, radius: float) -> float:
-    """Distance along unit u at which a disc at the origin first touches the flank of one of the segments a-b."""
-    d = b - a
-    size = np.hypot(d[:, 0], d[:, 1])
-    d = d / np.maximum(size, 1e-15)[:, None]
-    normal = np.stack([-d[:, 1], d[:, 0]], axis=1)
-    gap = np.einsum("ij,ij->i", a, normal)
-    normal = np.where(gap[:, None] < 0.0, -normal, normal)
-    gap = np.abs(gap)
-    approach = normal @ u
-    with np.errstate(divide="ignore", invalid="ignore"):
-        travel = np.maximum(gap - radius, 0.0) / approach
-        foot = travel * (d @ u) - np.einsum("ij,ij->i", a, d)
-    hit = (approach > 1e-12) & (foot >= 0.0) & (foot <= size)
-    return float(travel[hit].min()) if hit.any() else math.inf
+    (x, y), (dx, dy) = start, shift
+    walls = np.ascontiguousarray(segments, dtype=np.float64)
+    return float(kernel.free_fraction(float(x), float(y), float(dx), float(dy), walls, 0, len(walls), float(radius)))
 
 
 def move(pose: Array, motion: Array, obstacles: Array, radius: float = BODY_RADIUS) -> Moved:
@@ -149,11 +138,11 @@ def move(pose: Array, motion: Array, obstacles: Array, radius: float = BODY_RADI
         obstacles: (S, 4) m: walls and furniture edges.
         radius: body radius, m.
     """
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    shift = np.array([c * motion[0] - s * motion[1], s * motion[0] + c * motion[1]])
-    share = free_fraction(pose[:2], shift, obstacles, radius)
-    turned = np.array([*(pose[:2] + share * shift), wrap(pose[2] + motion[2])])
-    return Moved(turned, np.array([share * motion[0], share * motion[1], motion[2]]), share < 1.0)
+    body = np.zeros(kernel.COLUMNS)
+    body[:3], body[13:16] = pose, motion
+    walls = np.ascontiguousarray(obstacles, dtype=np.float64)
+    kernel.move(body, walls, 0, len(walls), float(radius))
+    return Moved(body[:3].copy(), body[3:6].copy(), bool(body[24]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -187,8 +187,8 @@ class Observer:
         return np.stack([self._spread.paint(np.asarray(belief.position_marginal())), self.canvas.free])
 
 
-def estimate_observation(estimate: Estimate) -> NDArray[np.float32]:
-    """(4,) float32: x m, y m, heading rad, confidence; all zero when there is nothing to report."""
+def estimate_observation(estimate: Estimate, bounds: tuple[NDArray, NDArray]) -> NDArray[np.float32]:
+    """(4,) float32: x m, y m, heading rad, confidence, within the bounds; all zero when there is nothing to report."""
     if not np.all(np.isfinite(estimate.pose)):
         return np.zeros(4, np.float32)
-    return np.array([*estimate.pose, np.clip(estimate.confidence, 0.0, 1.0)], dtype=np.float32)
+    return np.clip(np.array([*estimate.pose, estimate.confidence], dtype=np.float32), *bounds)

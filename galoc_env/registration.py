@@ -13,4 +13,9 @@ MAX_EPISODE_STEPS = 100
 def register() -> None:
     """Register every environment that is not registered yet."""
     if ENV_ID not in gymnasium.registry:
-        gymnasium.register(id=ENV_ID, entry_point="galoc_env.env:FloorplanEnv", max_episode_steps=MAX_EPISODE_STEPS)
+        gymnasium.register(
+            id=ENV_ID,
+            entry_point="galoc_env.env:FloorplanEnv",
+            vector_entry_point="galoc_env.vector:FloorplanVectorEnv",
+            max_episode_steps=MAX_EPISODE_STEPS,
+        )

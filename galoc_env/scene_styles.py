@@ -170,10 +170,10 @@ def guess_uses(polygons: Sequence[Any], doors: Sequence[Any], rng: np.random.Gen
 def tinge(rng: np.random.Generator, depth: float, light: tuple[float, float] = (1.0, 1.0)) -> Array:
     """(3,) a factor near white: one random hue, at most ``depth`` deep, times a random lightness.
 
-    Two of three are warm, blue or grey-green, as homes are.
+    Four of five are warm, blue or grey-green, as homes are.
     """
     hue = rng.uniform(0.0, 2 * math.pi)
-    if rng.uniform() < 0.7:
+    if rng.uniform() < 0.8:
         hue = float(rng.choice((0.45, 0.65, 0.9, 2.6, 3.6))) + rng.normal(0.0, 0.15)
     else:
         depth *= 0.6

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from galoc_env import _motion_kernel as kernel
+
 Array = NDArray[np.float64]
 
-_WEIGHTS = np.array([0.6, 0.4])
-"""Shares of the slow and the fast sway; they sum to 1, so the tilt never exceeds its amplitude."""
 _PERIODS = ((12.0, 24.0), (4.0, 9.0))
 """Ranges that the periods of the slow and the fast sway are drawn from, steps."""
-DRIFT_RAD_PER_M = 0.1
+DRIFT_RAD_PER_M = kernel.DRIFT_RAD_PER_M
 """Cross term of the odometry noise: heading noise per metre travelled, times the noise fraction (rad/m)."""
 
 
@@ -37,10 +37,35 @@ class Tilt:
 
     def at(self, step: int) -> tuple[float, float]:
         """True (roll, pitch) at a step, rad."""
-        if self.amplitude_rad == 0.0:
-            return 0.0, 0.0
-        sway = np.sin(self.frequency * step + self.phase) @ _WEIGHTS * self.amplitude_rad
-        return float(sway[0]), float(sway[1])
+        body = np.zeros(kernel.COLUMNS)
+        body[16:20], body[20:24], body[25] = self.frequency.ravel(), self.phase.ravel(), step
+        kernel.sway(body, float(self.amplitude_rad))
+        return float(body[6]), float(body[7])
+
+
+class NoiseBlocks:
+    """The standard normals behind the readings of many bodies, drawn for many steps at once.
+
+    A stream gives the same numbers in whatever portions they are drawn, so a reading does not depend on the size of
+    a block, nor on how many bodies there are.
+    """
+
+    def __init__(self, bodies: int) -> None:
+        self.values = np.zeros((bodies, kernel.BLOCK, 5))
+        """(L, BLOCK, 5): two for gravity, three for odometry, by step modulo BLOCK."""
+        self._streams: list[tuple[np.random.Generator, np.random.Generator] | None] = [None] * bodies
+
+    def start(self, body: int, imu_rng: np.random.Generator, odometry_rng: np.random.Generator) -> None:
+        """Draw the first block of an episode; the noise draws from the streams from now on."""
+        self._streams[body] = imu_rng, odometry_rng
+        self.refill(body)
+
+    def refill(self, body: int) -> None:
+        """Draw the next block."""
+        streams = self._streams[body]
+        assert streams is not None
+        self.values[body, :, :2] = streams[0].standard_normal((kernel.BLOCK, 2))
+        self.values[body, :, 2:] = streams[1].standard_normal((kernel.BLOCK, 3))
 
 
 def measure_gravity(gravity: tuple[float, float], sd_rad: float, rng: np.random.Generator) -> Array:
@@ -51,9 +76,10 @@ def measure_gravity(gravity: tuple[float, float], sd_rad: float, rng: np.random.
         sd_rad: standard deviation per reading, rad; 0 returns the truth to the bit.
         rng: drawn from the same number of times whatever the noise.
     """
-    noise = rng.standard_normal(2)
-    truth = np.array(gravity, dtype=np.float64)
-    return truth if sd_rad == 0.0 else truth + sd_rad * noise
+    body, noise = np.zeros(kernel.COLUMNS), np.zeros(5)
+    body[6:8], noise[:2] = gravity, rng.standard_normal(2)
+    kernel.measure(body, float(sd_rad), 0.0, noise)
+    return body[8:10].copy()
 
 
 def measure_odometry(odometry: Array, fraction: float, rng: np.random.Generator) -> Array:
@@ -68,10 +94,7 @@ def measure_odometry(odometry: Array, fraction: float, rng: np.random.Generator)
         fraction: noise as a share of the motion; 0 returns the truth to the bit.
         rng: drawn from the same number of times whatever the noise.
     """
-    noise = rng.standard_normal(3)
-    truth = np.array(odometry, dtype=np.float64)
-    if fraction == 0.0:
-        return truth
-    distance = math.hypot(truth[0], truth[1])
-    turn_sd = math.hypot(truth[2], DRIFT_RAD_PER_M * distance)
-    return truth + fraction * noise * np.array([distance, distance, turn_sd])
+    body, noise = np.zeros(kernel.COLUMNS), np.zeros(5)
+    body[3:6], noise[2:] = odometry, rng.standard_normal(3)
+    kernel.measure(body, 0.0, float(fraction), noise)
+    return body[10:13].copy()

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
 from galoc import Camera, GalocError
 from galoc_env.motion import STEP_M
@@ -17,12 +16,15 @@ from galoc_env.scoring import REWARDS
 
 HOMES = 100_000
 """Generated homes per split that an environment seed can lead to; larger seeds wrap around."""
+DEFAULT_RENDERER = "raster"
+"""What draws when nobody says otherwise."""
 CHOICES: dict[str, tuple[str, ...]] = {
     "split": ("train", "test"),
     "detector": ("oracle",),
     "geometry": ("ml", "paper"),
     "scoring": ("likelihood", "cosine"),
-    "renderer": ("gl", "none"),
+    "renderer": ("raster", "gl", "none"),
+    "quality": ("fast", "default", "best"),
     "actions": ("discrete", "continuous"),
     "reward": REWARDS,
 }
@@ -35,14 +37,23 @@ RANGES: dict[str, tuple[float, float, str]] = {
     "imu_noise_deg": (0.0, 10.0, "degrees"),
     "odometry_noise": (0.0, 1.0, "as a fraction of the motion"),
     "furniture": (0.0, 1.0, "as a density"),
+    "shut_doors": (0.0, 1.0, "as a share of the doors"),
 }
 """Least and largest value of each real argument, and its unit."""
 MIN_SIDE_PX, MAX_SIDE_PX = 16, 4096
 """Image sides that can be drawn and still show structure, px."""
 ODOMETRY_BOUND = np.array([1.0, 1.0, math.pi], dtype=np.float32)
 """Odometry readings lie within this: more than three times the largest motion (m, m, rad)."""
+TILT_BOUND = np.full(2, math.pi / 2, dtype=np.float32)
+"""Gravity readings lie within this, rad."""
 POSITION_BOUND_M = 2e5
 """Coordinates of estimates lie within this (plans lie within half of it), m."""
+
+ESTIMATE_BOUNDS = (
+    np.array([-POSITION_BOUND_M, -POSITION_BOUND_M, -math.pi, 0.0], dtype=np.float32),
+    np.array([POSITION_BOUND_M, POSITION_BOUND_M, math.pi, 1.0], dtype=np.float32),
+)
+"""Least and largest estimate in the observation."""
 
 assert STEP_M * 3 < ODOMETRY_BOUND[0]
 
@@ -51,25 +62,28 @@ assert STEP_M * 3 < ODOMETRY_BOUND[0]
 class Settings:
     """Arguments of :class:`galoc_env.env.FloorplanEnv`; see the tables there."""
 
-    plan: str | None
-    split: str
-    detector: str
-    detector_noise_px: float
-    localizer: str
-    geometry: str
-    scoring: str
-    renderer: str
-    width: int
-    height: int
-    hfov_deg: float
-    camera_height: float
-    tilt_deg: float
-    imu_noise_deg: float
-    odometry_noise: float
-    furniture: float
-    actions: str
-    reward: str
-    render_mode: str | None
+    plan: str | None = None
+    split: str = "train"
+    detector: str = "oracle"
+    detector_noise_px: float = 5.0
+    localizer: str = "galoc"
+    geometry: str = "ml"
+    scoring: str = "likelihood"
+    renderer: str = DEFAULT_RENDERER
+    quality: str = "default"
+    width: int = 320
+    height: int = 240
+    hfov_deg: float = 108.0
+    camera_height: float = 1.4
+    tilt_deg: float = 0.0
+    imu_noise_deg: float = 0.5
+    odometry_noise: float = 0.02
+    furniture: float = 0.5
+    shut_doors: float = 0.0
+    imaging: str | dict[str, Any] | None = None
+    actions: str = "discrete"
+    reward: str = "log_belief"
+    render_mode: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse what this version does not have, naming what it has."""
@@ -90,6 +104,9 @@ class Settings:
             value = getattr(self, name)
             if not isinstance(value, str) and not (name == "plan" and value is None):
                 raise GalocError(f"{name} of type {type(value).__name__}", "a string", f"Pass str({name}).")
+        if not isinstance(self.imaging, str | dict | None):
+            expected = "None, the name of a preset, or a dict of its parts"
+            raise GalocError(f"imaging of type {type(self.imaging).__name__}", expected, "Pass one of these.")
         if self.render_mode not in (None, "rgb_array"):
             raise GalocError(f"render_mode = {self.render_mode!r}", 'None or "rgb_array"', "Pass one of these.")
 
@@ -97,31 +114,45 @@ class Settings:
         """The camera that these settings describe."""
         return Camera.from_hfov(self.width, self.height, self.hfov_deg)
 
+    @property
+    def draws(self) -> bool:
+        """Whether the image shows anything."""
+        return self.renderer != "none"
+
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool) and math.isfinite(float(value))
 
 
+def action_space(settings: Settings) -> spaces.Space[Any]:
+    """The action space of one body."""
+    return spaces.Discrete(4) if settings.actions == "discrete" else spaces.Box(-1.0, 1.0, (3,), np.float32)
+
+
 def observation_space(settings: Settings) -> spaces.Dict:
     """The observation space, every bound finite."""
-    tilt = np.full(2, math.pi / 2, np.float32)
     parts: dict[str, spaces.Space[Any]] = {
         "image": spaces.Box(0, 255, (settings.height, settings.width, 3), np.uint8),
-        "gravity": spaces.Box(-tilt, tilt, dtype=np.float32),
+        "gravity": spaces.Box(-TILT_BOUND, TILT_BOUND, dtype=np.float32),
         "odometry": spaces.Box(-ODOMETRY_BOUND, ODOMETRY_BOUND, dtype=np.float32),
     }
     if settings.localizer != "none":
-        high = np.array([POSITION_BOUND_M, POSITION_BOUND_M, np.float32(math.pi), 1.0], np.float32)
-        low = np.array([*-high[:3], 0.0], np.float32)
         parts["belief"] = spaces.Box(0.0, 1.0, (2, CANVAS_CELLS, CANVAS_CELLS), np.float32)
-        parts["estimate"] = spaces.Box(low, high, dtype=np.float32)
+        parts["estimate"] = spaces.Box(*ESTIMATE_BOUNDS, dtype=np.float32)
     return spaces.Dict(parts)
 
 
-def clipped(reading: NDArray, space: spaces.Space[Any]) -> NDArray[np.float32]:
-    """A reading as float32 within its bounds."""
-    assert isinstance(space, spaces.Box)
-    return np.clip(np.asarray(reading, dtype=np.float32), space.low, space.high)
+def imaging(settings: Settings) -> Any:
+    """What lens and sensor do to the picture; None: nothing.
+
+    Raises:
+        GalocError: no such preset or part.
+    """
+    if settings.imaging is None:
+        return None
+    from galoc_env.imaging import Imaging
+
+    return Imaging.of(settings.imaging)
 
 
 def checked_options(options: dict[str, Any] | None, settings: Settings) -> dict[str, Any]:

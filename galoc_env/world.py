@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from galoc import Camera, Estimate, Floorplan, GalocError, Wireframe
-from galoc_env import motion
-from galoc_env.observe import Observer, make_localizer
-from galoc_env.scoring import BELIEF_REWARDS, Score
+from galoc_env import motion, scoring
+from galoc_env.bodies import Bodies
+from galoc_env.observe import Observer, estimate_observation, make_localizer
 from galoc_env.sensors import Tilt
-from galoc_env.settings import Settings
+from galoc_env.settings import ESTIMATE_BOUNDS, Settings
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -25,27 +25,29 @@ NOISE_WIDTH_PX = 640
 
 @dataclass(slots=True, eq=False)
 class World:
-    """One furnished plan with its renderer and localizer; kept over episodes as long as the plan stays."""
+    """One furnished plan and what draws it; kept over episodes as long as the plan stays."""
 
     plan: Floorplan
     number: int
     """Number of the generated home; 0 for a fixed plan."""
     scene: Any
+    seen_plan: Floorplan
+    """The plan as the camera sees it: shut doors are walls."""
     furniture: Array
-    """(F, 4) m: footprint edges."""
+    """(F, 4) m: edges of the footprints and of shut doors."""
     obstacles: Array
-    """(S, 4) m: walls and footprint edges."""
+    """(S, 4) m: walls and these edges."""
     walkable: motion.Walkable
-    observer: Observer | None
-    """None with `localizer="none"`."""
+    observer: Observer | None = None
+    """That of the single environment; None with `localizer="none"`."""
     _renderer: Any = None
 
     @classmethod
-    def build(cls, plan: Floorplan, number: int, settings: Settings, camera: Camera) -> World:
-        """Furnish a plan and prepare its localizer; the renderer waits for the first image.
+    def build(cls, plan: Floorplan, number: int, settings: Settings) -> World:
+        """Furnish a plan; the renderer waits for the first image.
 
         Raises:
-            GalocError: camera above the ceiling, or a localizer without the belief that the reward needs.
+            GalocError: camera above the ceiling, or no room to stand.
         """
         from galoc_env.scene import build_scene
 
@@ -55,11 +57,23 @@ class World:
                 "a camera below the ceiling",
                 "Lower `camera_height`.",
             )
-        scene = build_scene(plan, furniture=settings.furniture, seed=number)
+        scene = build_scene(plan, furniture=settings.furniture, seed=number, shut_doors=settings.shut_doors)
         furniture = np.asarray(scene.obstacles, dtype=np.float64).reshape(-1, 4)
-        localizer = make_localizer(settings, plan, camera)
-        observer = None if localizer is None else Observer(localizer, plan)
-        if observer is not None and settings.reward in BELIEF_REWARDS:
+        obstacles = np.concatenate([plan.segments, furniture])
+        seen_plan = plan if scene.sight_plan is None else scene.sight_plan
+        return cls(plan, number, scene, seen_plan, furniture, obstacles, motion.walkable(plan, furniture))
+
+    def make_observer(self, settings: Settings, camera: Camera) -> Observer | None:
+        """A localizer with a belief of its own about this world; None with `localizer="none"`.
+
+        Raises:
+            GalocError: no such localizer, or one without the belief that the reward needs.
+        """
+        localizer = make_localizer(settings, self.plan, camera)
+        if localizer is None:
+            return None
+        observer = Observer(localizer, self.plan)
+        if settings.reward in scoring.BELIEF_REWARDS:
             observer.reset()
             if observer.belief is None:
                 raise GalocError(
@@ -67,8 +81,7 @@ class World:
                     '"error" or "success"',
                     "Choose one of these rewards, or give the localizer a `belief`.",
                 )
-        obstacles = np.concatenate([plan.segments, furniture])
-        return cls(plan, number, scene, furniture, obstacles, motion.walkable(plan, furniture), observer)
+        return observer
 
     def random_pose(self, rng: np.random.Generator) -> Array:
         """(3,) a pose in which the body fits, uniform over the walkable cells and over headings."""
@@ -82,27 +95,20 @@ class World:
                 return np.array([*xy, heading])
         raise GalocError(f"plan {self.plan.name!r} without a free start", "room to stand", "Lower `furniture`.")
 
-    def wireframe(
-        self, pose: Array, tilt: tuple[float, float], settings: Settings, camera: Camera, rng: np.random.Generator
-    ) -> Wireframe:
-        """What the detector sees: the true wireframe of the view with its noise."""
-        from galoc.detect.oracle import perturb
-        from galoc_env.truth import visible_wireframe
-
-        truth = visible_wireframe(self.plan, camera, pose, settings.camera_height, tilt)
-        return perturb(truth, camera, settings.detector_noise_px * camera.width / NOISE_WIDTH_PX, rng)
-
-    def image(self, pose: Array, tilt: tuple[float, float], settings: Settings, camera: Camera) -> Image:
+    def image(self, pose: Array, tilt: Array, settings: Settings, camera: Camera) -> Image:
         """(H, W, 3) RGB view; all zero when nothing is to be drawn."""
-        if settings.renderer == "none":
+        if not settings.draws:
             return np.zeros((camera.height, camera.width, 3), np.uint8)
         if self._renderer is None:
             from galoc_env.render import make_renderer
 
-            self._renderer = make_renderer(settings.renderer, self.scene, camera)
-        x, y, heading = (float(v) for v in pose)
-        frame = self._renderer.render((x, y, heading), settings.camera_height, tilt, rgb_only=True)
+            self._renderer = make_renderer(settings.renderer, self.scene, camera, quality=settings.quality)
+        frame = self._renderer.render(tuple(pose.tolist()), settings.camera_height, tuple(tilt.tolist()), rgb_only=True)
         return np.ascontiguousarray(frame.rgb)
+
+    def __getstate__(self) -> tuple[None, dict[str, Any]]:
+        """Without the renderer: the copy makes its own."""
+        return None, {**{name: getattr(self, name) for name in self.__slots__}, "_renderer": None}
 
     def close(self) -> None:
         """Free the renderer."""
@@ -113,32 +119,130 @@ class World:
 
 @dataclass(slots=True, eq=False)
 class Episode:
-    """State of the running episode."""
+    """One body's running episode: what is not in the arrays of :class:`galoc_env.bodies.Bodies`."""
 
-    tilt: Tilt
-    sensor_rngs: list[np.random.Generator]
-    """Streams of IMU, odometry and detector noise."""
-    moved: motion.Moved
-    """Where the last motion led."""
-    steps: int = 0
+    world: World
+    observer: Observer | None
+    settings: Settings
+    camera: Camera
+    bodies: Bodies
+    body: int
+    """Which of the bodies."""
+    detector_key: int
+    """With the step it seeds the detector's noise: whether anybody looks changes nothing that follows."""
+    imaging_key: int
+    """The same for what the camera does to its picture."""
     succeeded: bool = False
-    wireframe: Wireframe = field(default_factory=Wireframe.empty)
     image: Image | None = None
     estimate: Estimate | None = None
     trail: list[Array] = field(default_factory=list)
+    """True poses since the reset, the last one is current."""
     estimates: list[Array] = field(default_factory=list)
-    scores: list[Score] = field(default_factory=list)
+    scores: list[scoring.Score] = field(default_factory=list)
+    _seen: tuple[int, Wireframe] | None = None
+
+    @classmethod
+    def start(
+        cls,
+        world: World,
+        observer: Observer | None,
+        settings: Settings,
+        camera: Camera,
+        bodies: Bodies,
+        body: int,
+        rng: np.random.Generator,
+        pose: object = None,
+    ) -> Episode:
+        """Put a body at a pose, a random one by default, and forget all that was.
+
+        Raises:
+            GalocError: a pose where the body does not fit.
+        """
+        start_rng, tilt_rng, imu_rng, odometry_rng, detector_rng, imaging_rng = rng.spawn(6)
+        where = (
+            world.random_pose(start_rng) if pose is None else motion.checked_start(pose, world.plan, world.obstacles)
+        )
+        tilt = Tilt.random(math.radians(settings.tilt_deg), tilt_rng)
+        bodies.place(body, where, tilt, (imu_rng, odometry_rng))
+        detector, imaging = (int(stream.integers(2**62)) for stream in (detector_rng, imaging_rng))
+        if observer is not None:
+            observer.reset()
+        return cls(world, observer, settings, camera, bodies, body, detector, imaging)
 
     @property
-    def errors_m(self) -> list[float]:
-        """Position error at every observation so far, m."""
-        return [s.error_m for s in self.scores]
+    def steps(self) -> int:
+        """Steps since the reset."""
+        return int(self.bodies.steps[self.body])
 
-    def take(self, estimate: Estimate, score: Score) -> None:
-        """Remember the localizer's answer to the current observation."""
+    @property
+    def moved(self) -> motion.Moved:
+        """Where the last motion led."""
+        bodies, i = self.bodies, self.body
+        return motion.Moved(bodies.pose[i].copy(), bodies.moved[i].copy(), bool(bodies.collided[i]))
+
+    @property
+    def wireframe(self) -> Wireframe:
+        """What the detector sees: the true wireframe of the view with its noise; computed when somebody looks."""
+        step = self.steps
+        if self._seen is None or self._seen[0] != step:
+            self._seen = step, self._detect(step)
+        return self._seen[1]
+
+    def _detect(self, step: int) -> Wireframe:
+        from galoc.detect.oracle import perturb
+        from galoc_env.truth import visible_wireframe
+
+        pose, (roll, pitch) = self.bodies.pose[self.body], self.bodies.tilt[self.body].tolist()
+        truth = visible_wireframe(self.world.seen_plan, self.camera, pose, self.settings.camera_height, (roll, pitch))
+        rng = np.random.default_rng((self.detector_key, step))
+        return perturb(truth, self.camera, self.settings.detector_noise_px * self.camera.width / NOISE_WIDTH_PX, rng)
+
+    def imaged(self, image: Image, imaging: Any) -> Image:
+        """(H, W, 3): a picture after lens and sensor."""
+        bodies, i = self.bodies, self.body
+        rng = np.random.default_rng((self.imaging_key, self.steps))
+        turn, (roll, pitch) = float(bodies.moved[i, 2]), bodies.tilt[i].tolist()
+        return np.ascontiguousarray(imaging.apply(image, self.camera, rng, turn_rad=turn, gravity=(roll, pitch)))
+
+    def localize(self) -> dict[str, NDArray[np.float32]]:
+        """Let the observer take this step's readings, score it, and return its part of the observation."""
+        assert self.observer is not None
+        bodies, i = self.bodies, self.body
+        estimate = self.observer.step(self.wireframe, bodies.gravity[i].copy(), bodies.odometry[i].copy())
         self.estimate = estimate
         self.estimates.append(np.array(estimate.pose, dtype=np.float64))
-        self.scores.append(score)
+        self.scores.append(scoring.score(estimate, self.observer.belief, bodies.pose[i].copy()))
+        return {
+            "belief": self.observer.belief_observation(),
+            "estimate": estimate_observation(estimate, ESTIMATE_BOUNDS),
+        }
+
+    def pay(self) -> tuple[float, bool]:
+        """Reward of this step, and whether it ends the episode."""
+        if len(self.scores) < 2:  # no localizer, nothing scored
+            return 0.0, False
+        recent = [s.error_m for s in self.scores[-scoring.HOLD_STEPS :]]
+        held = scoring.has_held(recent) and not self.succeeded
+        self.succeeded |= held
+        name = self.settings.reward
+        return scoring.reward(name, self.scores[-2], self.scores[-1], held), held and name == "success"
+
+    def verdict(self) -> dict[str, Any]:
+        """The localizer's part of the info; empty without one."""
+        estimate = self.estimate
+        if estimate is None:
+            return {}
+        now = self.scores[-1]
+        return {
+            **({} if math.isnan(now.entropy) else {"entropy": now.entropy}),
+            # No NaN in here: it is not equal to itself, and determinism is checked by comparing infos.
+            "estimate": np.array(estimate.pose if math.isfinite(now.error_m) else np.zeros(3), dtype=np.float64),
+            "error_m": now.error_m,
+            "error_rad": now.error_rad,
+            "coverage": 0.0 if estimate.rays is None else estimate.rays.coverage,
+            "abstained": bool(estimate.abstained),
+            "metrics": scoring.episode_metrics([s.error_m for s in self.scores], [s.error_rad for s in self.scores]),
+        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,7 +263,7 @@ class Snapshot:
     """None without a localizer."""
     estimates: Array
     """(T, 3) estimated poses, NaN where there was none."""
-    scores: tuple[Score, ...]
+    scores: tuple[scoring.Score, ...]
     """One per observation."""
     positions: Array | None
     """(P, 2) m: positions of the belief; None without a belief."""
@@ -169,19 +273,19 @@ class Snapshot:
     """Grid of the positions, m."""
 
     @classmethod
-    def of(cls, world: World, episode: Episode, settings: Settings) -> Snapshot:
+    def of(cls, episode: Episode) -> Snapshot:
         """The current step of an episode."""
-        estimate = episode.estimate
-        belief = None if world.observer is None else world.observer.belief
+        belief = None if episode.observer is None else episode.observer.belief
         return cls(
             episode.steps,
-            settings.camera(),
-            None if settings.renderer == "none" else episode.image,
+            episode.camera,
+            episode.image if episode.settings.draws else None,
             episode.wireframe,
-            f"true wall lines + {settings.detector_noise_px:g} px noise",  # the oracle, the only detector so far
+            # The oracle, the only detector so far.
+            f"true wall lines + {episode.settings.detector_noise_px:g} px noise",
             np.array(episode.trail).reshape(-1, 3),
             episode.moved.collided,
-            estimate,
+            episode.estimate,
             np.array(episode.estimates).reshape(-1, 3),
             tuple(episode.scores),
             None if belief is None else np.asarray(belief.positions),

@@ -21,8 +21,11 @@ TINY = {
     "matching": ["--plans", "apartment", "--frames", "4", "--resolution", "0.05", "--steps", "0.1"],
     "startup": ["--plans", "apartment", "--runs", "1"],
     "heat_maps": ["--resolution", "0.05"],
+    "render": ["--sizes", "32x24", "--poses", "3", "--rounds", "2", "--slice-s", "0.001"],
+    "env": ["--renderer", "none", "--sizes", "32x24", "--vector-size", "32x24", "--lanes", "1", "2", "--rounds", "1",
+            "--slice-s", "0.001", "--localizers", "none", "--kinds", "single", "sync", "batch", "miniworld"],
     "filter": ["--plans", "apartment", "--walks", "1", "--steps", "3", "--particles", "300"],
-}
+}  # fmt: skip
 ROWS = {"single_image": "frames", "sequences": "walks"}
 
 
@@ -95,6 +98,41 @@ def test_tiny_run_of_the_startup_benchmark(repo: Path, tmp_path: Path) -> None:
         assert stage in done.stdout
 
 
+def test_tiny_run_of_the_render_benchmark(repo: Path, tmp_path: Path) -> None:
+    done = run(repo, "render", tmp_path / "tiny")
+    assert done.returncode == 0, done.stderr
+    result = json.loads((tmp_path / "tiny.json").read_text())
+    assert (tmp_path / "tiny.png").read_bytes().startswith(b"\x89PNG")
+    rows = {(r["name"], r["outputs"]): r["rate"] for r in result["rows"]}
+    for name in ("raster fast", "raster default", "raster best", "gl", "pyrender"):
+        for outputs in ("all", "rgb"):
+            for middle, low, high in rows[name, outputs].values():
+                assert 0.0 < low <= middle <= high
+        assert name in done.stdout
+    told = {reason.partition(":")[0] for reason in result["missing"]}
+    for world in ("MiniWorld FourRooms", "MiniWorld Maze"):  # an extra: measured, or named with the reason
+        assert (rows[world, "rgb"] is None) == (world in told) and world in done.stdout
+
+
+def test_a_missing_miniworld_is_named(repo: Path, tmp_path: Path) -> None:
+    only = ["--only", "MiniWorld FourRooms", "--miniworld", "no-such-python"]
+    done = run(repo, "render", tmp_path / "tiny", *only)
+    assert done.returncode == 0, done.stderr
+    assert "not measured: MiniWorld FourRooms: " in done.stdout and "no-such-python" in done.stdout
+
+
+def test_tiny_run_of_the_environment_benchmark(repo: Path, tmp_path: Path) -> None:
+    done = run(repo, "env", tmp_path / "tiny")
+    assert done.returncode == 0, done.stderr
+    result = json.loads((tmp_path / "tiny.json").read_text())
+    assert (tmp_path / "tiny.png").read_bytes().startswith(b"\x89PNG")
+    rows = {(r["name"], r["case"][2]): r["rate"] for r in result["rows"]}
+    for case in (("single", 1), ("gymnasium sync", 1), ("gymnasium sync", 2), ("our batch", 1), ("our batch", 2)):
+        assert rows[case]["cpu"][0] > 0.0 and case[0] in done.stdout
+    pairs = {(r["name"], r["other"], r["case"][2]) for r in result["ratios"]}
+    assert {("our batch", "gymnasium sync", 1), ("our batch", "gymnasium sync", 2)} <= pairs
+
+
 @pytest.mark.parametrize("script", list(ROWS))
 def test_tiny_run_and_its_resumption(script: str, repo: Path, tmp_path: Path) -> None:
     out = tmp_path / "results" / "tiny.v1"  # a dot in the name is no suffix
@@ -141,6 +179,12 @@ def _check(script: str, result: dict[str, Any]) -> None:
         ("filter", ["--walks", "0"]),
         ("matching", ["--frames", "0"]),
         ("startup", ["--runs", "0"]),
+        ("render", ["--poses", "0"]),
+        ("render", ["--sizes", "wide"]),
+        ("render", ["--only", "magic"]),
+        ("render", ["--shown", "3"]),
+        ("env", ["--lanes", "0"]),
+        ("env", ["--kinds", "magic"]),
     ],
 )
 def test_bad_flags_are_named(script: str, flags: list[str], repo: Path, tmp_path: Path) -> None:

@@ -28,16 +28,17 @@ def crossing(outlines, slot, at, along, axis):
         along: the first pixel's column or row.
         axis: 0 for pixels side by side, 1 for one above the other.
     """
-    count = int(outlines[slot, 0, 0])
-    for k in range(1, count + 1):
-        after = k + 1 if k < count else 1
-        a, b = outlines[slot, k, 1 - axis], outlines[slot, after, 1 - axis]
-        if (a > at) == (b > at):
-            continue
-        p, q = outlines[slot, k, axis], outlines[slot, after, axis]
-        if abs(q - p) > abs(b - a):
-            continue
-        where = p + (at - a) / (b - a) * (q - p)
+    for k in range(1, int(outlines[slot, 0, 0]) + 1):
+        x, low, high, slope = outlines[slot, k, 0], outlines[slot, k, 1], outlines[slot, k, 2], outlines[slot, k, 3]
+        if axis == 0:
+            if not low < at <= high or abs(slope) > 1.0:
+                continue
+            where = x + (at - low) * slope
+        else:
+            other = x + (high - low) * slope
+            if (x < at) == (other < at) or abs(slope) <= 1.0:
+                continue
+            where = low + (at - x) / slope
         if along <= where <= along + 1.0:
             return where
     return -1.0

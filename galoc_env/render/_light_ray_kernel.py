@@ -64,7 +64,7 @@ def fill_grid(sheets, boxes, low, cell, size):  # type: ignore[no-untyped-def]
     return first, items
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def crossing(sheets, edge_first, edges, f, ox, oy, oz, dx, dy, dz, most):  # type: ignore[no-untyped-def]
     """Where the ray o + t d meets facet f, from either side: t in (0, most), or -1."""
     s = sheets[f]

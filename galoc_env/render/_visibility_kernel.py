@@ -194,7 +194,7 @@ def spans(count, outline, first, last, width, left, right):
         low, high = (k, after) if outline[k, 1] < outline[after, 1] else (after, k)
         rise = outline[high, 1] - outline[low, 1]
         outline[k, 2], outline[k, 3], outline[k, 4] = outline[low, 0], outline[low, 1], outline[high, 1]
-        outline[k, 5] = (outline[high, 0] - outline[low, 0]) / rise if rise > 1e-6 else 0.0
+        outline[k, 5] = (outline[high, 0] - outline[low, 0]) / max(rise, 1e-6)
     far, shift, over = spread(f4(1e6)), spread(f4(width + 16)), spread(f4(OVERLAP))
     beyond, before, sixteen = spread(f4(width + 8)), spread(f4(-8.0)), spread(f4(16.0))
     end = spread_int(i4(width - 1))
@@ -316,6 +316,7 @@ def visible(view, width, height, stride, home, scene, work):
                 facet_of[slot] = i
                 outlines[slot, 0, 0] = count
                 for j in range(count):
-                    outlines[slot, j + 1, 0], outlines[slot, j + 1, 1] = outline[j, 0], outline[j, 1]
+                    for m in range(4):
+                        outlines[slot, j + 1, m] = outline[j, m + 2]
                 slot += 1
     return slot

@@ -16,7 +16,7 @@ from galoc_env.scene_mesh import OUTSIDE
 
 Array = NDArray[np.float64]
 
-CELL = 0.25
+CELL = 0.15
 """Edge of the grid's cells, m."""
 MOST_CELLS = 400_000
 """Where a plan is so large that it would have more, cells are larger."""
@@ -57,7 +57,7 @@ def make_world(facets: Facets) -> World:
     cell = max(CELL, float(np.cbrt(span[0] * span[1] * span[2] / MOST_CELLS)))
     cells = np.ceil(span / cell).astype(np.int64)
     first, items = fill_grid(sheets, boxes, low, cell, cells)
-    rays = (sheets.astype(np.float32), facets.first, edges, low, cell, cells, first, items)
+    rays = (sheets, facets.first, edges, low, cell, cells, first, items)
     return World(rays, step, facets.light_size, facets.light_first)
 
 

@@ -55,7 +55,7 @@ class Workspace:
                 np.zeros(facets, np.bool_),  # per slot: whether those are filled in
                 np.zeros(3 * LANES, np.uint8),  # the last pixels of a picture
                 np.zeros(LANES, f4),
-                np.zeros((facets, MOST // 2, 2)),  # per slot: number of corners, then the corners, px
+                np.zeros((facets, MOST // 2, 4), f4),  # per slot: number of edges, then they as in the outline below
                 np.zeros(3 * w * h if fineness > 1 else 0, np.uint8),  # the finer picture
                 np.zeros((MOST, 6)),  # outline of a facet: corner; of each edge lower end, row of the upper, slope; px
             ),

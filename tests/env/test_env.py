@@ -1,17 +1,25 @@
+import copy
+import dataclasses
+import inspect
 import math
 import pickle
+import re
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.utils import seeding
 from gymnasium.utils.env_checker import check_env
 from small_world import WALLS, small_plan
 
 from galoc import GalocError
-from galoc_env import motion
+from galoc_env import motion, sensors
+from galoc_env._motion_kernel import BLOCK
 from galoc_env.env import FloorplanEnv
+from galoc_env.settings import Settings
 
 FAST = {"localizer": "small_world:DeadReckoner", "reward": "error", "renderer": "none"}
+BARE_NOISY = {"localizer": "none", "renderer": "none", "imu_noise_deg": 10.0, "odometry_noise": 1.0, "tilt_deg": 30.0}
 SIZE = {"width": 64, "height": 48}
 
 
@@ -219,7 +227,11 @@ def test_the_world_is_kept_while_the_plan_stays(make):
         {"detector": "lines"},
         {"geometry": "magic"},
         {"scoring": "magic"},
-        {"renderer": "raster"},
+        {"renderer": "crayon"},
+        {"quality": "superb"},
+        {"shut_doors": 1.5},
+        {"imaging": 3},
+        {"imaging": "no_such_camera"},
         {"actions": "fly"},
         {"reward": "money"},
         {"split": "validation"},
@@ -313,6 +325,107 @@ def test_obstacles_are_walls_and_furniture(make):
     env = make(**FAST)
     env.reset(seed=0)
     assert np.array_equal(env.world.obstacles[: len(WALLS)], small_plan().segments)
+
+
+def test_defaults_are_said_once_and_the_same():
+    given = inspect.signature(FloorplanEnv.__init__).parameters
+    here = {name: parameter.default for name, parameter in given.items() if name != "self"}
+    assert here == {field.name: field.default for field in dataclasses.fields(Settings)}
+    table = FloorplanEnv.__doc__.partition("## Arguments")[2].splitlines()  # the specification
+    for name, value in here.items():
+        row = next(line for line in table if re.match(rf"\s*\|[^|]*`{name}`", line))
+        assert str(value) in row
+
+
+def test_looking_does_not_change_what_follows(make):
+    looked, blind = (make(renderer="none", localizer="none", tilt_deg=4.0) for _ in range(2))
+    looked.reset(seed=3), blind.reset(seed=3)
+    for action in (0, 2, 0, 3):
+        looked.snapshot()
+        a, b = looked.step(action)[0], blind.step(action)[0]
+        assert flat(a) == flat(b)
+    last = looked.snapshot().wireframe
+    assert last.floor.tobytes() == blind.snapshot().wireframe.floor.tobytes()
+    assert last is looked.snapshot().wireframe  # two looks at one step see the same
+    blind.step(2)
+    assert not np.array_equal(last.floor, blind.snapshot().wireframe.floor)
+
+
+def test_shut_doors_are_walls_to_camera_and_body_but_not_in_the_map():
+    arguments = {
+        **SIZE,
+        "renderer": "none",
+        "furniture": 0.0,
+        "localizer": "small_world:DeadReckoner",
+        "reward": "error",
+    }
+    doors, shut = FloorplanEnv(**arguments), FloorplanEnv(**arguments, shut_doors=1.0)
+    for env in (doors, shut):
+        env.reset(seed=2)
+    assert np.array_equal(shut.world.plan.segments, doors.world.plan.segments)
+    assert len(shut.world.seen_plan.segments) > len(shut.world.plan.segments)
+    assert doors.world.seen_plan.segments.tobytes() == doors.world.plan.segments.tobytes()
+    for door in shut.world.seen_plan.segments[len(shut.world.plan.segments) :]:
+        middle = (door[:2] + door[2:]) / 2.0
+        assert motion.distances(middle, shut.world.obstacles).min() < motion.BODY_RADIUS
+    assert shut.world.walkable.mask.sum() < 0.8 * doors.world.walkable.mask.sum()  # one room, not the home
+    doors.close(), shut.close()
+
+
+def test_readings_follow_their_streams_beyond_a_block(make):
+    env = make(localizer="none", renderer="none")
+    rows = [env.reset(seed=3)[0]] + [env.step(2)[0] for _ in range(2 * BLOCK + 5)]
+    imu, odometry = seeding.np_random(3)[0].spawn(6)[2:4]
+    turn = np.zeros(3)
+    for row in rows:
+        gravity = sensors.measure_gravity((0.0, 0.0), math.radians(0.5), imu)
+        assert row["gravity"].tobytes() == gravity.astype(np.float32).tobytes()
+        assert row["odometry"].tobytes() == sensors.measure_odometry(turn, 0.02, odometry).astype(np.float32).tobytes()
+        turn = np.array([0.0, 0.0, motion.TURN_RAD])
+
+
+def test_imaging_changes_the_image_alone(make):
+    plain, poor = make(localizer="none"), make(localizer="none", imaging="poor")
+    again = make(localizer="none", imaging="poor")
+    for env in (plain, poor, again):
+        env.reset(seed=3)
+    for action in (0, 2):
+        a, b, c = (env.step(action)[0] for env in (plain, poor, again))
+        assert not np.array_equal(a["image"], b["image"])
+        assert flat(b) == flat(c)
+        assert flat({**a, "image": b["image"]}) == flat(b)
+
+
+def test_an_observation_is_the_callers(make):
+    env = make(localizer="none")
+    kept, info = env.reset(seed=3)
+    copies = copy.deepcopy(kept), info["pose"].copy()
+    env.step(0)
+    assert flat(kept) == flat(copies[0]) and np.array_equal(info["pose"], copies[1])
+
+
+@pytest.mark.parametrize(("localizer", "renderer"), [("none", "raster"), ("galoc", "none")])
+def test_a_copied_environment_goes_on_alike(make, localizer, renderer):
+    env = make(renderer=renderer, localizer=localizer, tilt_deg=4.0)
+    env.reset(seed=3)
+    env.step(0)
+    twin = pickle.loads(pickle.dumps(env))
+    for action in (2, 0, 1):
+        assert flat(env.step(action)[0]) == flat(twin.step(action)[0])
+    env.step(0)
+    assert twin.snapshot().step == 4 and env.snapshot().step == 5
+
+
+def test_reading_stays_within_the_space(make):
+    env = make(**BARE_NOISY)
+    env.reset(seed=0)
+    rows = [env.step(action)[0] for action in [0, 1] * 300]
+    for key in ("gravity", "odometry"):
+        readings = np.array([row[key] for row in rows])
+        space = env.observation_space[key]
+        assert np.all((readings >= space.low) & (readings <= space.high))
+        if key == "odometry":  # noise of 0.3 m on 0.3 m: about one reading in a hundred would lie beyond 1 m
+            assert (np.abs(readings) == space.high).any()
 
 
 def test_errors_cross_process_borders(make):

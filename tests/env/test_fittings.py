@@ -1,6 +1,9 @@
 """Doors, windows, fittings and lamps: each in its place, none in the way."""
 
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -315,3 +318,29 @@ def test_all_faces_of_boxes_look_outwards(homes):
         area = 0.5 * np.cross(mine[:, 1] - mine[:, 0], mine[:, 2] - mine[:, 0])
         # Panels and plates have no back: what is missing on one side is missing on the other.
         assert np.linalg.norm(area.sum(axis=0)) < 0.05 * np.linalg.norm(area, axis=1).sum()
+
+
+def test_another_process_builds_the_same_scene():
+    """Hash seeds differ between processes; scenes do not."""
+    script = """
+import hashlib
+from galoc_env.homes import generate
+from galoc_env.scene import build_scene
+scene = build_scene(generate(5), furniture=0.7, seed=5, shut_doors=0.3)
+digest = hashlib.sha256(scene.obstacles.tobytes() + repr((scene.lamps, scene.sun)).encode())
+for m in scene.meshes:
+    for part in (m.mesh.vertices, m.mesh.visual.uv, m.tint, m.glow, m.shade, m.instance):
+        digest.update(part.tobytes())
+print(digest.hexdigest())
+"""
+    runs = [
+        subprocess.run(
+            [sys.executable, "-c", script],
+            capture_output=True,
+            text=True,
+            check=True,
+            env={**os.environ, "PYTHONHASHSEED": seed},
+        ).stdout
+        for seed in ("1", "2")
+    ]
+    assert runs[0] == runs[1] and len(runs[0]) == 65

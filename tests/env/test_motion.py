@@ -73,6 +73,84 @@ def test_contact_agrees_with_brute_force(seed):
         assert exact == pytest.approx(brute, abs=tolerance)
 
 
+def reference_free_fraction(start, shift, segments, radius):
+    """The kernel's rules in numpy: first contact with an end or a flank of any segment."""
+    length = float(np.hypot(*shift))
+    if length < 1e-12 or len(segments) == 0:
+        return 1.0
+    u = shift / length
+    a, b = segments[:, :2] - start, segments[:, 2:] - start
+    ends = np.concatenate([a, b])
+    along = ends @ u
+    off2 = np.einsum("ij,ij->i", ends, ends) - along**2
+    hit = (along > 0.0) & (off2 < radius**2)
+    travel = [np.maximum(along[hit] - np.sqrt(radius**2 - off2[hit]), 0.0)]
+    size = np.hypot(*(b - a).T)
+    d = (b - a) / np.maximum(size, 1e-15)[:, None]
+    normal = np.stack([-d[:, 1], d[:, 0]], axis=1)
+    gap = np.einsum("ij,ij->i", a, normal)
+    normal[gap < 0.0] *= -1.0
+    approach = normal @ u
+    with np.errstate(divide="ignore", invalid="ignore"):
+        flank = np.maximum(np.abs(gap) - radius, 0.0) / approach
+        foot = flank * (d @ u) - np.einsum("ij,ij->i", a, d)
+    travel.append(flank[(approach > 1e-12) & (foot >= 0.0) & (foot <= size)])
+    first = min(float(np.concatenate(travel).min(initial=np.inf)), length)
+    return 1.0 if first >= length else max(0.0, first - motion.SKIN_M) / length
+
+
+def reference_move(pose, wanted, segments):
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    shift = np.array([[c, -s], [s, c]]) @ wanted[:2]
+    share = reference_free_fraction(pose[:2], shift, segments, motion.BODY_RADIUS)
+    after = [*(pose[:2] + share * shift), motion.wrap(pose[2] + wanted[2])]
+    return np.array(after), np.array([share, share, 1.0]) * wanted, share < 1.0
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_kernel_agrees_with_numpy(seed):
+    rng = np.random.default_rng(seed)
+    segments = rng.uniform(-2, 2, (rng.integers(0, 12), 4))
+    if seed % 2 and len(segments):  # as in a plan: right angles, shared ends, a segment without length
+        segments = np.round(segments, 0)
+    pose, wanted = rng.uniform(-2, 2, 3), rng.uniform(-1, 1, 3)
+    moved = motion.move(pose, wanted, segments)
+    after, odometry, collided = reference_move(pose, wanted, segments)
+    # Rounding of a few operations on numbers around 1, through one square root.
+    assert moved.pose == pytest.approx(after, abs=1e-12)
+    assert moved.odometry == pytest.approx(odometry, abs=1e-12)
+    assert moved.collided == collided
+
+
+def test_many_bodies_move_as_each_does_alone():
+    from galoc_env import settings as arguments
+    from galoc_env.bodies import Bodies
+    from galoc_env.sensors import Tilt
+
+    rng = np.random.default_rng(5)
+    homes = [SEGMENTS, SEGMENTS[:, [1, 0, 3, 2]].copy()]
+    together = Bodies(4, arguments.Settings(tilt_deg=5.0))
+    together.surround([homes[0], homes[1], homes[0], None])
+    poses = [np.array([1.5, 1.5, angle]) for angle in rng.uniform(-3, 3, 4)]
+    for body, pose in enumerate(poses):
+        streams = [np.random.default_rng([body, k]) for k in range(3)]
+        together.place(body, pose, Tilt.random(0.1, streams[0]), streams[1:])
+    for _ in range(20):
+        wanted = rng.uniform(-0.3, 0.3, (4, 3))
+        together.wanted[:] = wanted
+        together.step(resting=[2])
+        for body in (0, 1, 3):
+            obstacles = (homes + [SEGMENTS, np.zeros((0, 4))])[body]
+            moved = motion.move(poses[body], wanted[body], obstacles)
+            poses[body] = moved.pose
+            assert together.pose[body].tobytes() == moved.pose.tobytes()
+            assert together.moved[body].tobytes() == moved.odometry.tobytes()
+            assert together.has_collided(body) == moved.collided
+    assert together.steps.tolist() == [20, 20, 0, 20]
+    assert together.pose[2] == pytest.approx(poses[2])
+
+
 def test_no_tunnelling_through_a_thin_wall():
     wall = np.array([[0.0, -5.0, 0.0, 5.0]])
     moved = motion.move(np.array([-1.0, 0.0, 0.0]), np.array([50.0, 0.0, 0.0]), wall)

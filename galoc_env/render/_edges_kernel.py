@@ -1,7 +1,8 @@
 """Smooth edges: where neighbouring pixels see different facets, the facet's edge between them says in what shares.
 
-An edge that runs more upright than level shifts the border between left and right neighbours, any other the border
-between upper and lower ones: a pixel takes as much of its neighbour's colour as the edge leaves to the neighbour
+An edge is the line in which the planes of both facets meet, or part of the outline of the nearer one. If it runs more
+upright than level it shifts the border between left and right neighbours, else that between upper and lower ones: a
+pixel takes as much of its neighbour's colour as the edge leaves to the neighbour
 within it. That is exact for one straight edge, at any angle and without steps, and costs little, because only the
 pixels along edges are looked at. What is thinner than a pixel stays as it was drawn.
 """
@@ -50,11 +51,17 @@ def share(slots, planes, outlines, at, beside, row, column, axis):
     one, other = slots[at], slots[beside]
     if one < 0 or other < 0:
         return 0.0
-    x, y = (column + 0.5, row + 0.0) if axis == 0 else (column + 0.0, row + 0.5)
-    a = planes[one, 0] + planes[one, 1] * x + planes[one, 2] * y
-    b = planes[other, 0] + planes[other, 1] * x + planes[other, 2] * y
-    near, far = (one, other) if a >= b else (other, one)
+    # By how much the first pixel's facet is the nearer one, in inverse depth, at both pixels.
+    bx, by = planes[one, 1] - planes[other, 1], planes[one, 2] - planes[other, 2]
+    here = planes[one, 0] - planes[other, 0] + bx * column + by * row
+    change = bx if axis == 0 else by
+    there = here + change
+    if here >= 0.0 >= there and here > there:
+        # The planes meet between the pixels: at an edge that both share, or where one facet pierces the other.
+        upright = abs(bx) >= abs(by)
+        return here / (here - there) - 0.5 if upright == (axis == 0) else 0.0
     fixed, along = (row, column) if axis == 0 else (column, row)
+    near, far = (one, other) if here + 0.5 * change >= 0.0 else (other, one)
     where = crossing(outlines, near, fixed, along, axis)
     if where < 0.0:
         where = crossing(outlines, far, fixed, along, axis)

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from galoc_env.render._light_ray_kernel import place, stopped, trace
-from galoc_env.render._sight_kernel import LIFT, lamps_in_sight, outline
+from galoc_env.render._sight_kernel import lamps_in_sight, outline
 
 FAINT = 0.006
 """Light below this is not worth a ray."""
@@ -79,7 +79,7 @@ def _add_lamp(world, f, step, size, lamp, memory, slot, out):  # type: ignore[no
     seen, dark = np.zeros(wide * high, np.int8), 0
     tiny = _tiny(step, size)
     if tiny:
-        p = place(world, f, 0.5 * step[0] * (wide - 1), 0.5 * step[1] * (high - 1), LIFT)
+        p = place(world, f, 0.5 * step[0] * (wide - 1), 0.5 * step[1] * (high - 1), world[0][f, 16])
         if _strength(n, p, lamp) * power >= FAINT:
             seen[:] = _seen(world, p, lamp, memory, slot)
     for even in (True, False):
@@ -87,7 +87,7 @@ def _add_lamp(world, f, step, size, lamp, memory, slot, out):  # type: ignore[no
             c, r = k % wide, k // wide
             if even != ((c % 2 == 0 or c == wide - 1) and (r % 2 == 0 or r == high - 1)):
                 continue
-            p = place(world, f, c * step[0], r * step[1], LIFT)
+            p = place(world, f, c * step[0], r * step[1], world[0][f, 16])
             scale = _strength(n, p, lamp)
             guess = seen[k] if tiny else -1 if even else _between(seen, wide, high, c, r)
             if guess >= 0:
@@ -151,7 +151,7 @@ def direct(world, step, size, first, lit, outside, lamps, sun):  # type: ignore[
         # Of points in the dark some may lie inside a body.
         for k in range(here.shape[0] if dark > 0 else 0):
             if here[k, 0] + here[k, 1] + here[k, 2] == 0.0:
-                p = place(world, f, (k % size[f, 0]) * step[f, 0], (k // size[f, 0]) * step[f, 1], LIFT)
+                p = place(world, f, (k % size[f, 0]) * step[f, 0], (k // size[f, 0]) * step[f, 1], world[0][f, 16])
                 buried[first[f] + k] = _buried(world, p, n)
     return out, buried
 
@@ -163,7 +163,7 @@ def _add_sun(world, outside, f, step, size, sun, facing, out):  # type: ignore[n
     sunny = np.zeros(wide * high, np.int8)
     tiny = _tiny(step, size)
     if tiny:
-        p = place(world, f, 0.5 * step[0] * (wide - 1), 0.5 * step[1] * (high - 1), LIFT)
+        p = place(world, f, 0.5 * step[0] * (wide - 1), 0.5 * step[1] * (high - 1), world[0][f, 16])
         sunny[:] = _sunlit(world, outside, p, sun)
     for even in (True, False):
         for k in range(wide * high):
@@ -172,7 +172,7 @@ def _add_sun(world, outside, f, step, size, sun, facing, out):  # type: ignore[n
                 continue
             sunny[k] = sunny[k] if tiny else -1 if even else _between(sunny, wide, high, c, r)
             if sunny[k] < 0:
-                sunny[k] = _sunlit(world, outside, place(world, f, c * step[0], r * step[1], LIFT), sun)
+                sunny[k] = _sunlit(world, outside, place(world, f, c * step[0], r * step[1], world[0][f, 16]), sun)
     for r in range(high):
         for c in range(wide):
             here, edge = sunny[r * wide + c], False
@@ -185,7 +185,7 @@ def _add_sun(world, outside, f, step, size, sun, facing, out):  # type: ignore[n
                 for k in range(16):
                     u = (c + ((k % 4) - 1.5) * 0.25) * step[0]
                     v = (r + ((k // 4) - 1.5) * 0.25) * step[1]
-                    count += 1 if _sunlit(world, outside, place(world, f, u, v, LIFT), sun) else 0
+                    count += 1 if _sunlit(world, outside, place(world, f, u, v, world[0][f, 16]), sun) else 0
                 part = count / 16.0
             for k in range(3):
                 out[r * wide + c, k] += part * facing * sun[3 + k]

@@ -26,7 +26,7 @@ def fill_grid(sheets, boxes, low, cell, size):  # type: ignore[no-untyped-def]
     """Lists of the facets in each cell.
 
     Args:
-        sheets: (N, 16) facets, see :func:`trace`.
+        sheets: (N, 17) facets, see :func:`trace`.
         boxes: (N, 2, 3) m.
         low: (3,) m, corner of the grid.
         cell: edge of a cell, m.
@@ -94,9 +94,10 @@ def trace(world, ox, oy, oz, dx, dy, dz, most, any_hit):  # type: ignore[no-unty
     """First facet on the ray o + t d with t in (0, most), whichever side it turns to the ray.
 
     Args:
-        world: (sheets, edge_first, edges, low, cell, size, first, items). A sheet is a facet: its plane (4), the
+        world: (sheets, edge_first, edges, low, cell, size, first, items). A sheet (17,) is a facet: its plane (4), the
             axes and offsets of its in-plane coordinates u (4) and v (4), its extent in u and v, 1 if it is a
-            rectangle, and 1 if it stops light. ``edges`` are half planes in u, v; the rest is the grid.
+            rectangle, 1 if it stops light, and how far off it light is measured. ``edges`` are half planes in u, v;
+            the rest is the grid.
         ox: start, m.
         oy: start, m.
         oz: start, m.

@@ -9,31 +9,46 @@ from galoc_env.render._light_ray_kernel import crossing, place, stopped, trace
 
 LIFT = 0.003
 """Light is measured this far off a facet, m."""
+COVER = 0.03
+"""A facet with another one closer before it than this is measured before that one, m."""
 NARROW = 0.3
 """Two walls that face each other this closely enclose what nobody sees, m."""
 
 
 @njit(cache=True)
-def _shut_in(world, wall, f):  # type: ignore[no-untyped-def]
-    """Whether a facet faces away from all rooms: towards the void, or as a wall towards another one close by."""
+def _look_out(world, wall, f):  # type: ignore[no-untyped-def]
+    """Whether a facet is hidden, see :func:`survey`, and how far off it light is to be measured, m."""
     s = world[0]
     n = s[f, :3]
-    count = 0
+    shut, covered, off = 0, 0, 0.0
     for k in range(5):
         u = s[f, 12] * (0.5 if k == 4 else 1.0 * (k % 2))
         v = s[f, 13] * (0.5 if k == 4 else 1.0 * (k // 2))
         p = place(world, f, u, v, LIFT)
         g, t = trace(world, p[0], p[1], p[2], n[0], n[1], n[2], 1e3, False)
-        count += 1 if g < 0 or (wall[f] and wall[g] and t < NARROW) else 0
-    return count >= 3  # the end of a wall may look along the inside of another one
+        shut += 1 if g < 0 or (wall[f] and wall[g] and t < NARROW) else 0
+        if g >= 0 and t < COVER and s[g, 0] * n[0] + s[g, 1] * n[1] + s[g, 2] * n[2] > 0.0:
+            covered += 1
+            off = max(off, t)
+    # Three of five: the end of a wall may look along the inside of another one.
+    return shut >= 3, (LIFT + off + LIFT if covered >= 3 else LIFT)
 
 
 @njit(cache=True)
-def hidden(world, lit, wall):  # type: ignore[no-untyped-def]
-    """(N,) facets of the given ones (N,) that face away from all rooms; ``wall`` (N,) says which are walls."""
+def survey(world, lit, wall):  # type: ignore[no-untyped-def]
+    """(N,) facets that face away from all rooms: towards the void, or as a wall towards another one close by.
+
+    Also sets how far off each facet light is measured: a frame behind a picture shows, though most of it is covered.
+
+    Args:
+        world: see :func:`trace`.
+        lit: (N,) facets to look at.
+        wall: (N,) which are walls.
+    """
     out = np.zeros(lit.shape[0], np.bool_)
     for f in range(lit.shape[0]):
-        out[f] = lit[f] and _shut_in(world, wall, f)
+        if lit[f]:
+            out[f], world[0][f, 16] = _look_out(world, wall, f)
     return out
 
 
@@ -44,11 +59,11 @@ def outline(world, f, out):  # type: ignore[no-untyped-def]
     count = 0
     if s[14] == 1.0:
         for k in range(4):
-            p = place(world, f, s[12] * (k % 2), s[13] * (k // 2), LIFT)
+            p = place(world, f, s[12] * (k % 2), s[13] * (k // 2), s[16])
             out[k, 0], out[k, 1], out[k, 2] = p
         return 4
     for k in range(edge_first[f], edge_first[f + 1]):
-        p = place(world, f, edges[k, 3], edges[k, 4], LIFT)
+        p = place(world, f, edges[k, 3], edges[k, 4], s[16])
         out[count, 0], out[count, 1], out[count, 2] = p
         count += 1
     return count

@@ -106,7 +106,7 @@ def settle(world, frames, size, first, members, member_first, reach):  # type: i
                 if d2 < best:
                     best, facet[m] = d2, f
                     for c in range(3):
-                        out[m, c] = p[c] + LIFT * e[c]
+                        out[m, c] = p[c] + e[16] * e[c]
     return out, facet
 
 
@@ -202,7 +202,7 @@ def weigh(world, points, facet, links, frames, size, first, surface, texel_step,
                 w = (a if j % 2 else 1.0 - a) * (b if j // 2 else 1.0 - b)
                 index[t, j] = m
                 if w > 0.0 and not free:
-                    q = place(world, f, u, v, LIFT)
+                    q = place(world, f, u, v, world[0][f, 16])
                     if facet[m] < 0 or _blocked(world, q, points[m]):
                         w *= 1e-3  # what stands behind a wall counts only where there is nothing else
                 weight[t, j] = w

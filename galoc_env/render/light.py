@@ -15,7 +15,7 @@ from galoc.cache import DiskCache, content_key
 from galoc_env.render._bounce_kernel import SIDE, collect, daylight, look_round
 from galoc_env.render._light_filter_kernel import fill
 from galoc_env.render._light_kernel import direct
-from galoc_env.render._sight_kernel import hidden
+from galoc_env.render._sight_kernel import survey
 from galoc_env.render._surface_kernel import smooth, spread
 from galoc_env.render.facet_build import dot
 from galoc_env.render.facets import Facets, build_facets
@@ -40,6 +40,8 @@ RAYS = 16
 """Rays from each point that look for the light that other surfaces send back, half as many for small surfaces ..."""
 BOUNCES = 3
 """... along which light goes this often."""
+CONTACT = 0.55
+"""Where furniture stands the floor has this part of the soft light around it; so it darkens towards the furniture."""
 GLOW = 0.3
 """Share of its brightness with which a shining face, such as a lamp shade, lights others: its lamp does the rest."""
 
@@ -106,7 +108,7 @@ def bake(facets: Facets, lamps: Sequence[Lamp], sun: Sun | None, albedo: ArrayLi
         return np.zeros((0, 3), np.float32)
     world = make_world(facets)
     lit, outside = facets.glow == 0.0, facets.semantic == OUTSIDE
-    lit &= ~hidden(world.rays, lit, facets.semantic == WALL)
+    lit &= ~survey(world.rays, lit, facets.semantic == WALL)
     light, buried = direct(
         world.rays, world.step, world.size, world.first, lit, outside, _lamps(facets, lamps), _sun(sun)
     )
@@ -128,12 +130,15 @@ def _with_bounces(facets: Facets, world: World, light: Array, lit: NDArray[np.bo
     order = np.argsort(at.facet, kind="stable")
     soft = daylight(world.rays, at.points, at.facet, at.odd, order, panes, spots) + AMBIENT * openness[:, None]
     bad = (at.facet < 0) | (2 * (hits == -2).sum(axis=1) > hits.shape[1])
+    # Not what lies under a rug: bodies that stand on the floor are hollow for rays.
+    stood_on = bad & (at.facet >= 0) & (facets.plane[at.facet, 2] > 0.9) & (openness > 0.06)
     shine = GLOW * facets.glow[:, None] * sent * (facets.semantic != OUTSIDE)[:, None]
     facet_of = np.repeat(np.arange(len(lit), dtype=np.int32), np.diff(world.first))
     total, back = light, np.zeros_like(soft)
     for bounce in range(BOUNCES + 1):
         both = soft + back
         fill(both, bad.copy(), at.size, at.first, 3)
+        both[stood_on] *= CONTACT
         total = spread(smooth(both, at.links, at.size, at.first), at.index, at.weight, light)
         if bounce < BOUNCES:
             back = collect(hits, facet_of, sent, shine, total)

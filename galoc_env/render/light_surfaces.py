@@ -15,8 +15,8 @@ from galoc_env.render.light_world import World
 
 Array = NDArray[np.float64]
 
-SPACING = 0.5
-"""Between the points of a lattice, m."""
+SPACING, FINE = 0.5, 0.3
+"""Between the points of a lattice, and of a floor's, where furniture casts soft shadows, m."""
 STRIP = 0.15
 """What is narrower has one row of points, m."""
 MOST_POINTS = 400
@@ -62,7 +62,7 @@ def make_surfaces(facets: Facets, world: World, lit: NDArray[np.bool_]) -> Surfa
     first = np.concatenate([[0], np.cumsum(size.astype(np.int64).prod(axis=1))])
     points, facet = settle(world.rays, frames, size, first, members, member_first, 1.5 * SPACING)
     level = np.abs(facets.plane[members[starts], 2]) > 0.9 if len(starts) else np.zeros(0, bool)
-    check = level & ((size - 1) * SPACING > BIG).any(axis=1)
+    check = level & ((size - 1) * FINE > BIG).any(axis=1)
     number = np.arange(first[-1]) - np.repeat(first[:-1], np.diff(first))
     column = number % np.repeat(size[:, 0], np.diff(first))
     row = number // np.repeat(size[:, 0], np.diff(first))
@@ -91,7 +91,9 @@ def _lattices(
     place = np.stack([dot(shape, own[:, None, k]) for k in range(2)], axis=1)
     low = np.minimum.reduceat(place.min(axis=2), starts, axis=0)
     span = np.maximum.reduceat(place.max(axis=2), starts, axis=0) - low
-    size = np.clip(np.rint(span / SPACING) + 1, 2, MOST_POINTS).astype(np.int32)
+    floor = (facets.plane[largest, 2] > 0.9) & (span.max(axis=1) > BIG)
+    spacing = np.where(floor, FINE, SPACING)[:, None]
+    size = np.clip(np.rint(span / spacing) + 1, 2, MOST_POINTS).astype(np.int32)
     size[(span < STRIP) | (span.max(axis=1) < SMALL)[:, None]] = 1
     step = span / np.maximum(size - 1, 1)
     low += np.where(size == 1, span / 2, 0.0)

@@ -40,7 +40,7 @@ def make_world(facets: Facets) -> World:
     """Tables and grid of some facets."""
     light = facets.light.astype(np.float64)
     step = 1.0 / np.sqrt(dot(light[:, :, :3], light[:, :, :3]))
-    sheets = np.zeros((len(light), 16))
+    sheets = np.zeros((len(light), 17))
     sheets[:, :4] = facets.plane
     for k in range(2):
         sheets[:, 4 + 4 * k : 7 + 4 * k] = light[:, k, :3] * step[:, k, None]

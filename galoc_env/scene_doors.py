@@ -130,7 +130,7 @@ def _leaf(door: Opening, number: int, turn: tuple[float, float], angle: float) -
         float(hinge[1]),
         heading,
         door.width - 2 * _INSET,
-        door.top - 0.028,
+        door.top - 0.023,
         end * face,
         angle == 0.0,
     )

@@ -29,11 +29,11 @@ def look(pose, height_m, gravity, origin, camera, view):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def picture(view, width, height, stride, home, scene, work, smoothly, rgb, depth, instance, semantic):
+def picture(view, width, height, stride, finest, home, scene, work, smoothly, rgb, depth, instance, semantic):
     """One picture, its edges smoothed or not."""
     used = visible(view, width, height, stride, home, scene, work)
     work[11][:used] = False
-    shade(view, width, height, stride, scene, work, rgb, depth, instance, semantic)
+    shade(view, width, height, stride, finest, scene, work, rgb, depth, instance, semantic)
     if smoothly:
         smooth(width, height, stride, work, rgb)
 
@@ -62,13 +62,13 @@ def draw(first, last, lanes, camera, size, homes, scene, work, outputs):
         lanes: home (L,), pose (L, 3), height (L,), gravity (L, 2).
         camera: (4,) fx, fy, cx, cy.
         size: width, height, length of a buffer's row; 0 for plain edges, 1 for smooth ones, 2 for a picture that is
-            also drawn twice as fine and averaged.
+            also drawn twice as fine and averaged; largest mip level that textures have.
         homes: first and last cluster (H, 2), origin (H, 3).
         scene: arrays of all homes, see ``galoc_env.render.drawable``.
         work: buffers, see ``galoc_env.render.workspace``.
         outputs: rgb (L, H * W * 3), depth, instance and semantic (L, H * W), the last three empty when not wanted.
     """
-    width, height, stride, quality = size
+    width, height, stride, quality, finest = size
     which, poses, heights, gravities = lanes
     rgb, depth, instance, semantic = outputs
     view = np.empty(16)
@@ -79,7 +79,7 @@ def draw(first, last, lanes, camera, size, homes, scene, work, outputs):
         clusters = homes[0][home]
         if quality < 2 or with_ids:
             picture(
-                view, width, height, stride, clusters, scene, work, quality == 1,
+                view, width, height, stride, finest, clusters, scene, work, quality == 1,
                 rgb[lane], depth[lane], instance[lane], semantic[lane],
             )  # fmt: skip
         if quality == 2:
@@ -87,7 +87,7 @@ def draw(first, last, lanes, camera, size, homes, scene, work, outputs):
                 view[12 + k] = 2.0 * camera[k] + (0.5 if k > 1 else 0.0)
             fine, wide = work[15], -(-2 * width // 16) * 16
             picture(
-                view, 2 * width, 2 * height, wide, clusters, scene, work, True,
+                view, 2 * width, 2 * height, wide, finest, clusters, scene, work, True,
                 fine, depth[lane, :0], instance[lane, :0], semantic[lane, :0],
             )  # fmt: skip
             halve(width, height, fine, rgb[lane])

@@ -21,7 +21,7 @@ intrinsic: Any = extending.intrinsic  # for type checkers: what it returns is ca
 LANES = 16
 _BIT, _BYTE, _SHORT, _INT, _LONG = (ir.IntType(n) for n in (1, 8, 16, 32, 64))
 _FLOAT = ir.FloatType()
-_FLOATS, _INTS, _LONGS = (ir.VectorType(t, LANES) for t in (_FLOAT, _INT, _LONG))
+_FLOATS, _INTS = (ir.VectorType(t, LANES) for t in (_FLOAT, _INT))
 _SHORTS = ir.VectorType(_SHORT, 2 * LANES)
 
 
@@ -41,7 +41,6 @@ class _Model(models.PrimitiveModel):
 
 FLOATS = LaneType("float32", _FLOATS)
 INTS = LaneType("int32", _INTS)
-LONGS = LaneType("int64", _LONGS)
 MASK = LaneType("bool", ir.VectorType(_BIT, LANES))
 
 
@@ -183,35 +182,18 @@ def store_rgb(typing_context, array, at, a):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def gather(typing_context, array, index):  # type: ignore[no-untyped-def]
-    """Values of an int64 array at the lanes' indices."""
+    """Values of an int32 array at the lanes' indices."""
 
     def codegen(context, builder, signature, values):  # type: ignore[no-untyped-def]
         data = context.make_array(array)(context, builder, values[0]).data
-        out: Any = ir.Constant(_LONGS, ir.Undefined)
+        out: Any = ir.Constant(_INTS, ir.Undefined)
         for lane in range(LANES):
             where = builder.zext(builder.extract_element(values[1], ir.Constant(_INT, lane)), _LONG)
-            item = builder.load(builder.gep(data, [where]), align=8)
+            item = builder.load(builder.gep(data, [where]), align=4)
             out = builder.insert_element(out, item, ir.Constant(_INT, lane))
         return out
 
-    return LONGS(array, INTS), codegen
-
-
-def _every_other(builder: Any, longs: Any, first: int) -> Any:
-    halves = builder.bitcast(longs, ir.VectorType(_INT, 2 * LANES))
-    return builder.shuffle_vector(halves, halves, ir.Constant(_INTS, list(range(first, 2 * LANES, 2))))
-
-
-@intrinsic
-def low_half(typing_context, a):  # type: ignore[no-untyped-def]
-    """Lower 32 bits of each lane."""
-    return _make(INTS, (LONGS,), lambda builder, v: _every_other(builder, v, 0))
-
-
-@intrinsic
-def high_half(typing_context, a):  # type: ignore[no-untyped-def]
-    """Upper 32 bits of each lane."""
-    return _make(INTS, (LONGS,), lambda builder, v: _every_other(builder, v, 1))
+    return INTS(array, INTS), codegen
 
 
 @intrinsic

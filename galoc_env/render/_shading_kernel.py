@@ -11,10 +11,8 @@ from galoc_env.render._lanes import (
     differ,
     first_bit,
     gather,
-    high_half,
     lit,
     load,
-    low_half,
     ramp,
     spread,
     spread_int,
@@ -87,14 +85,14 @@ def light_at(column, row, last_column, last_row, first, columns, light):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def mip_level(z, area, grazing):
+def mip_level(z, area, grazing, finest):
     """Mip level of about one texel per pixel; at grazing angles less blur than would be needed along the view."""
     texels = area * z * z * z * max(1.0, z * grazing)
     level = 0
     while texels > 2.0 and level < LEVELS - 1:
         texels *= 0.25
         level += 1
-    return level
+    return max(level, finest)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -131,14 +129,18 @@ def texture_lanes(z, u, ux, u_constant, v, vx, v_constant, level, base, texels):
     wu, wv = iu & weight, iv & weight
     wu, wv = wu | (wu << sixteen), wv | (wv << sixteen)
     column, row = (iu >> seven) & mask, (iv >> seven) & mask
-    after = (row + spread_int(i4(1))) & mask
+    right, after = (column + spread_int(i4(1))) & mask, (row + spread_int(i4(1))) & mask
     # Texels lie in tiles of 4 x 4.
     shift, start = spread_int(i4(bits + 2)), spread_int(i4(base + level_start(level)))
-    across = (((column >> two) << four) | (column & three)) + start
-    low = gather(texels, across + (((row >> two) << shift) | ((row & three) << two)))
-    high = gather(texels, across + (((after >> two) << shift) | ((after & three) << two)))
+    west = (((column >> two) << four) | (column & three)) + start
+    east = (((right >> two) << four) | (right & three)) + start
+    south, north = (
+        ((row >> two) << shift) | ((row & three) << two),
+        ((after >> two) << shift) | ((after & three) << two),
+    )
+    p, q = gather(texels, west + south), gather(texels, east + south)
+    r, s = gather(texels, west + north), gather(texels, east + north)
     pair, byte, eight = spread_int(RED_BLUE), spread_int(i4(255)), spread_int(i4(8))
-    p, q, r, s = low_half(low), high_half(low), low_half(high), high_half(high)
     red_blue = blend_again(blend(p & pair, q & pair, wu), blend(r & pair, s & pair, wu), wv)
     green = blend_again(
         blend((p >> eight) & byte, (q >> eight) & byte, wu), blend((r >> eight) & byte, (s >> eight) & byte, wu), wv
@@ -182,7 +184,7 @@ def blank(to, count, rgb, depth, instance, semantic):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def shade(view, width, height, stride, scene, work, rgb, depth, instance, semantic):
+def shade(view, width, height, stride, finest, scene, work, rgb, depth, instance, semantic):
     """Write the picture from filled buffers.
 
     Args:
@@ -190,6 +192,7 @@ def shade(view, width, height, stride, scene, work, rgb, depth, instance, semant
         width: px.
         height: px.
         stride: as for ``visible``.
+        finest: largest mip level that textures have.
         scene: as for ``visible``.
         work: as for ``visible``.
         rgb: (H * W * 3,) uint8, written.
@@ -243,11 +246,9 @@ def shade(view, width, height, stride, scene, work, rgb, depth, instance, semant
                 c[slot, COLUMN + 3] + z_end * column, c[slot, ROW + 3] + z_end * row,
                 last_column, last_row, first, columns, light,
             )  # fmt: skip
-            level = mip_level(0.5 * (z_start + z_end), c[slot, AREA], c[slot, GRAZING])
+            level = mip_level(0.5 * (z_start + z_end), c[slot, AREA], c[slot, GRAZING], finest)
             z = one / (spread(f4(here)) + spread(f4(step)) * ramp())
-            red_blue, green = texture_lanes(
-                z, u, ux, c[slot, U + 3], v, vx, c[slot, V + 3], level, base, texels
-            )
+            red_blue, green = texture_lanes(z, u, ux, c[slot, U + 3], v, vx, c[slot, V + 3], level, base, texels)
             share = f4(1.0) / f4(count)
             light_rb = light_lanes(start, end, share, 0) | (light_lanes(start, end, share, 40) << sixteen)
             colour = lit(red_blue, light_rb) | (lit(green, light_lanes(start, end, share, 20)) << eight)

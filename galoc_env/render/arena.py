@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from galoc.errors import GalocError
 from galoc_env.render.drawable import Arrays, Drawable, arena_arrays, drawable
+from galoc_env.render.textures import finest_level
 from galoc_env.render.workspace import LANES, Sizes, Workspace
 
 if TYPE_CHECKING:
@@ -45,7 +46,8 @@ class Arena:
             raise GalocError(f"quality = {quality!r}", " or ".join(map(repr, QUALITIES)), "Pass one of these.")
         self.camera = camera
         stride = -(-camera.width // LANES) * LANES
-        self._size = (camera.width, camera.height, stride, QUALITIES.index(quality))
+        focal = max(camera.fx, camera.fy) * (2 if quality == "best" else 1)
+        self._size = (camera.width, camera.height, stride, QUALITIES.index(quality), finest_level(focal))
         self._lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
         self._homes: dict[int, Drawable] = {}
         self._number: dict[int, tuple[Scene, int]] = {}
@@ -66,7 +68,7 @@ class Arena:
         facets, light = lit(scene)
         with self._lock:
             number, self._next = self._next, self._next + 1
-            self._homes[number] = drawable(scene, facets, light)
+            self._homes[number] = drawable(scene, facets, light, self._size[4])
             self._number[id(scene)] = (scene, number)
             self._arrays = None
         return number
@@ -145,7 +147,7 @@ class Arena:
             if not self._homes:
                 raise GalocError("an arena without homes", "at least one", "Call add(scene) first.")
             self._row = {number: row for row, number in enumerate(self._homes)}
-            self._arrays = arena_arrays(list(self._homes.values()))
+            self._arrays = arena_arrays(list(self._homes.values()), self._size[4])
             sizes = np.array([home.sizes for home in self._homes.values()]).max(axis=0)
             self._sizes = (int(sizes[0]), int(sizes[1]), int(sizes[2]))
             if self._work and np.any(np.array(self._work[0].sizes) < sizes):
@@ -171,7 +173,7 @@ class Arena:
 
     def _spaces(self, workers: int) -> list[Workspace]:
         while len(self._work) < workers:
-            width, height, _, quality = self._size
+            width, height, _, quality, _ = self._size
             self._work.append(Workspace.of(width, height, 2 if quality == 2 else 1, self._sizes))
         return self._work
 

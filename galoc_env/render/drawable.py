@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from galoc_env.render._lanes import LANES
-from galoc_env.render.textures import TEXELS, digest, packed
+from galoc_env.render._shading_kernel import level_start
+from galoc_env.render.textures import digest, length, packed
 
 if TYPE_CHECKING:
     from galoc_env.render.facets import Facets
@@ -28,8 +29,9 @@ BRIGHTEST = 4095
 class Drawable:
     """One scene. Columns of ``table``: plane (4), maps to texture u, v and light column, row (4 each).
 
-    Columns of ``index``: first vertex, vertex after the last, first texel, first light texel, light columns, light
+    Columns of ``index``: first vertex, vertex after the last, texture, first light texel, light columns, light
     rows, instance, semantic class.
+    In an arena the third is the texture's first texel, had it all levels.
     """
 
     vertices: NDArray[np.float32]
@@ -44,7 +46,7 @@ class Drawable:
     """(C + 1,)."""
     textures: tuple[str, ...]
     """Digests, in the order in which ``index`` counts texels."""
-    texels: tuple[NDArray[np.int64], ...]
+    texels: tuple[NDArray[np.int32], ...]
     """Packed texture of each."""
     light: NDArray[np.uint64]
     """(T,) packed light."""
@@ -59,20 +61,20 @@ class Drawable:
         return len(self.table), len(self.boxes), int(corners.max())
 
 
-def drawable(scene: Scene, facets: Facets, light: NDArray[np.float32]) -> Drawable:
+def drawable(scene: Scene, facets: Facets, light: NDArray[np.float32], finest: int = 0) -> Drawable:
     """Arrays of a scene.
 
     Args:
         scene: for its textures.
         facets: of the scene.
         light: (T, 3) linear light of the facets' light texels.
+        finest: first mip level of its textures.
     """
     images = [np.asarray(mesh.mesh.visual.material.baseColorTexture) for mesh in scene.meshes]
     names = tuple(digest(image) for image in images)
     count = len(facets.plane)
     table = np.concatenate([facets.plane, facets.texture.reshape(count, 8), facets.light.reshape(count, 8)], axis=1)
-    first_texel = facets.material.astype(np.int64) * TEXELS
-    columns = (facets.first[:-1], facets.first[1:], first_texel, facets.light_first[:-1], facets.light_size,
+    columns = (facets.first[:-1], facets.first[1:], facets.material, facets.light_first[:-1], facets.light_size,
                facets.instance, facets.semantic)  # fmt: skip
     return Drawable(
         np.ascontiguousarray(facets.vertices.T),
@@ -81,7 +83,7 @@ def drawable(scene: Scene, facets: Facets, light: NDArray[np.float32]) -> Drawab
         np.ascontiguousarray(facets.cluster_box),
         facets.cluster_first,
         names,
-        tuple(packed(image, name) for image, name in zip(images, names, strict=True)),
+        tuple(packed(image, name, finest) for image, name in zip(images, names, strict=True)),
         packed_light(facets, light),
         facets.origin,
     )
@@ -102,25 +104,29 @@ def packed_light(facets: Facets, light: NDArray[np.float32]) -> NDArray[np.uint6
     return (level[:, 0] | level[:, 1] << 20 | level[:, 2] << 40).astype(np.uint64)
 
 
-def arena_arrays(homes: Sequence[Drawable]) -> tuple[Arrays, Arrays]:
+def arena_arrays(homes: Sequence[Drawable], finest: int = 0) -> tuple[Arrays, Arrays]:
     """All homes in one set of arrays, equal textures once.
+
+    Args:
+        homes: at least one.
+        finest: first mip level of their textures.
 
     Returns:
         The scene arrays (vertices, table, index, boxes, cluster_first, texels, light), and for each home its first and
         last cluster (H, 2) and its origin (H, 3).
     """
     place: dict[str, int] = {}
-    texels: list[NDArray[np.int64]] = []
+    texels: list[NDArray[np.int32]] = []
     indices, firsts, ranges = [], [np.zeros(1, np.int32)], []
     vertex = facet = cluster = lit = 0
     for home in homes:
         for name, texture in zip(home.textures, home.texels, strict=True):
             if name not in place:
-                place[name] = len(texels) * TEXELS
+                place[name] = len(texels) * length(finest) - level_start.py_func(finest)
                 texels.append(texture)
         index = home.index.copy()
         index[:, :2] += vertex
-        index[:, 2] = np.array([place[name] for name in home.textures], np.int64)[home.index[:, 2] // TEXELS]
+        index[:, 2] = np.array([place[name] for name in home.textures], np.int32)[home.index[:, 2]]
         index[:, 3] += lit
         indices.append(index)
         firsts.append(home.cluster_first[1:] + np.int32(facet))

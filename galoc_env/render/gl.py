@@ -58,7 +58,7 @@ class GlRenderer:
             return Frame(rgb, None, None)
         code, z_buffer = self._draw(self._id_scene, world_from_gl, self._seg)
         instance = (code & 0xFFFFFF).astype(np.int32)
-        return Frame(rgb, _metric_depth(z_buffer), instance, self._semantic[instance])
+        return Frame(rgb, _metric_depth(z_buffer), instance, self._semantic.take(instance, mode="clip"))
 
     def _draw(self, scene: Any, world_from_gl: NDArray[np.float64], flags: int) -> Any:
         scene.set_pose(scene.main_camera_node, world_from_gl)

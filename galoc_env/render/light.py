@@ -40,8 +40,6 @@ RAYS = 16
 """Rays from each point that look for the light that other surfaces send back, half as many for small surfaces ..."""
 BOUNCES = 3
 """... along which light goes this often."""
-CONTACT = 0.55
-"""Where furniture stands the floor has this part of the soft light around it; so it darkens towards the furniture."""
 GLOW = 0.3
 """Share of its brightness with which a shining face, such as a lamp shade, lights others: its lamp does the rest."""
 
@@ -130,15 +128,12 @@ def _with_bounces(facets: Facets, world: World, light: Array, lit: NDArray[np.bo
     order = np.argsort(at.facet, kind="stable")
     soft = daylight(world.rays, at.points, at.facet, at.odd, order, panes, spots) + AMBIENT * openness[:, None]
     bad = (at.facet < 0) | (2 * (hits == -2).sum(axis=1) > hits.shape[1])
-    # Not what lies under a rug: bodies that stand on the floor are hollow for rays.
-    stood_on = bad & (at.facet >= 0) & (facets.plane[at.facet, 2] > 0.9) & (openness > 0.06)
     shine = GLOW * facets.glow[:, None] * sent * (facets.semantic != OUTSIDE)[:, None]
     facet_of = np.repeat(np.arange(len(lit), dtype=np.int32), np.diff(world.first))
     total, back = light, np.zeros_like(soft)
     for bounce in range(BOUNCES + 1):
         both = soft + back
         fill(both, bad.copy(), at.size, at.first, 3)
-        both[stood_on] *= CONTACT
         total = spread(smooth(both, at.links, at.size, at.first), at.index, at.weight, light)
         if bounce < BOUNCES:
             back = collect(hits, facet_of, sent, shine, total)

@@ -1,7 +1,8 @@
-"""Textures as the kernels read them: mip levels in tiles, each texel beside its right neighbour."""
+"""Textures as the kernels read them: mip levels in tiles."""
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from hashlib import blake2b
 
@@ -10,12 +11,13 @@ from numpy.typing import NDArray
 
 from galoc_env.render._shading_kernel import LEVELS, SIZE
 
-TEXELS = sum((SIZE >> level) ** 2 for level in range(LEVELS))
-"""Length of a packed texture."""
-KEPT = 256
-"""Packed textures that a process keeps, 0.7 MB each."""
+KEPT = 512
+"""Packed textures that a process keeps for the next home; 0.35 MB each at most."""
+FULL_FOCAL_PX = 120.0
+"""Cameras of half this focal length do without the finest level, of a quarter without two: they would only see it on
+surfaces closer than half a metre, and an arena of many homes is mostly textures."""
 
-_packed: OrderedDict[str, NDArray[np.int64]] = OrderedDict()
+_packed: OrderedDict[tuple[str, int], NDArray[np.int32]] = OrderedDict()
 
 
 def digest(image: NDArray[np.uint8]) -> str:
@@ -23,35 +25,45 @@ def digest(image: NDArray[np.uint8]) -> str:
     return blake2b(np.ascontiguousarray(image), digest_size=16).hexdigest()
 
 
-def packed(image: NDArray[np.uint8], name: str) -> NDArray[np.int64]:
-    """(TEXELS,) all mip levels of an image, largest first.
+def finest_level(focal_px: float) -> int:
+    """Largest mip level that a camera of this focal length needs, 0 (256 texels wide) to 3."""
+    return min(3, max(0, math.floor(math.log2(FULL_FOCAL_PX / focal_px))))
 
-    A level's texels lie in tiles of 4 x 4, so that neighbours share a cache line. Each holds 0xBBGGRR, and its right
-    neighbour's in the upper half, so that one load serves two columns. Row 0 is the lower edge (v = 0).
+
+def length(finest: int) -> int:
+    """Texels of a packed texture."""
+    return sum((SIZE >> level) ** 2 for level in range(finest, LEVELS))
+
+
+def packed(image: NDArray[np.uint8], name: str, finest: int) -> NDArray[np.int32]:
+    """(length(finest),) the mip levels of an image from the finest on, each texel as 0xBBGGRR.
+
+    A level's texels lie in tiles of 4 x 4, so that neighbours share a cache line. Row 0 is the lower edge (v = 0).
 
     Args:
         image: (H, W, 3) sRGB, row 0 at the top; resized to 256 x 256 where it is not.
         name: its :func:`digest`.
+        finest: first level.
     """
-    if name in _packed:
-        _packed.move_to_end(name)
-        return _packed[name]
+    key = (name, finest)
+    if key in _packed:
+        _packed.move_to_end(key)
+        return _packed[key]
     if image.shape[:2] != (SIZE, SIZE):
         import cv2
 
         image = cv2.resize(image, (SIZE, SIZE), interpolation=cv2.INTER_AREA)
     level, parts = image[::-1, :, :3].astype(np.float64), []
-    for _ in range(LEVELS):
-        size = len(level)
-        byte = np.floor(level + 0.5).astype(np.int64)
-        colour = byte[..., 0] | byte[..., 1] << 8 | byte[..., 2] << 16
-        pair = colour | np.roll(colour, -1, axis=1) << 32
-        parts.append(pair.reshape(size // 4, 4, size // 4, 4).transpose(0, 2, 1, 3).ravel())
+    for number in range(LEVELS):
+        if number >= finest:
+            size = len(level)
+            byte = np.floor(level + 0.5).astype(np.int32)
+            colour = byte[..., 0] | byte[..., 1] << 8 | byte[..., 2] << 16
+            parts.append(colour.reshape(size // 4, 4, size // 4, 4).transpose(0, 2, 1, 3).ravel())
         square = level * level  # close to linear light, and exact on every machine
         mean = (square[::2, ::2] + square[1::2, ::2] + square[::2, 1::2] + square[1::2, 1::2]) / 4.0
         level = np.sqrt(mean)
-    texels = np.concatenate(parts)
-    _packed[name] = texels
+    _packed[key] = np.concatenate(parts)
     while len(_packed) > KEPT:
         _packed.popitem(last=False)
-    return texels
+    return _packed[key]

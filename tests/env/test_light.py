@@ -1,0 +1,371 @@
+"""Baked light in small rooms where geometry says what it must be."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from galoc import Floorplan
+from galoc_env.homes import generate
+from galoc_env.render import light as light_module
+from galoc_env.render._light_kernel import CLOSE
+from galoc_env.render._light_ray_kernel import trace
+from galoc_env.render.facets import Facets, build_facets
+from galoc_env.render.light import AMBIENT, DAYLIGHT, bake, linear, lit
+from galoc_env.render.light_world import make_world
+from galoc_env.scene import Scene, build_scene
+from galoc_env.scene_light import Lamp, Sun
+from galoc_env.scene_mesh import CEILING, FLOOR, FURNITURE, OUTSIDE, WALL, MeshBuilder
+
+WHITE = (1.0, 1.0, 1.0)
+HEIGHT = 2.5
+
+
+class Room:
+    """Walls, floor and ceiling of rectangles, put together face by face."""
+
+    def __init__(self) -> None:
+        self.builder = MeshBuilder()
+
+    def sheet(self, origin, right, up, kind: int = FURNITURE, glow: float = 0.0, both: bool = False) -> int:  # type: ignore[no-untyped-def]
+        instance = self.builder.new_instance(kind)
+        o, r, u = (np.asarray(v, float) for v in (origin, right, up))
+        self.builder.add_quad("plaster", o, r, u, 1.0, instance, glow=glow)
+        if both:
+            self.builder.add_quad("plaster", o + r, -r, u, 1.0, instance, glow=glow)
+        return instance
+
+    def box(self, x0: float, y0: float, x1: float, y1: float, *, skip: str = "") -> dict[str, int]:
+        """The inner faces of a room; ``skip`` leaves out sides of "wesn"."""
+        w, d, h = x1 - x0, y1 - y0, HEIGHT
+        out = {
+            "floor": self.sheet((x0, y0, 0), (w, 0, 0), (0, d, 0), FLOOR),
+            "ceiling": self.sheet((x0, y1, h), (w, 0, 0), (0, -d, 0), CEILING),
+        }
+        sides = {
+            "w": ((x0, y0, 0), (0, d, 0)),
+            "e": ((x1, y1, 0), (0, -d, 0)),
+            "s": ((x1, y0, 0), (-w, 0, 0)),
+            "n": ((x0, y1, 0), (w, 0, 0)),
+        }
+        for name, (o, r) in sides.items():
+            if name not in skip:
+                out[name] = self.sheet(o, r, (0, 0, h), WALL)  # right x up points into the room
+        return out
+
+    def body(self, low, high) -> None:  # type: ignore[no-untyped-def]
+        """A closed box that stands in the room."""
+        (x0, y0, z0), (x1, y1, z1) = low, high
+        w, d, h = x1 - x0, y1 - y0, z1 - z0
+        self.sheet((x0, y0, z1), (w, 0, 0), (0, d, 0))
+        self.sheet((x0, y1, z0), (w, 0, 0), (0, -d, 0))
+        self.sheet((x0, y0, z0), (w, 0, 0), (0, 0, h))
+        self.sheet((x1, y1, z0), (-w, 0, 0), (0, 0, h))
+        self.sheet((x1, y0, z0), (0, d, 0), (0, 0, h))
+        self.sheet((x0, y1, z0), (0, -d, 0), (0, 0, h))
+
+    def facets(self) -> Facets:
+        plan = Floorplan.from_segments(np.array([[0, 0, 4, 0], [4, 0, 4, 3], [4, 3, 0, 0]], float), ceiling_height=2.5)
+        scene = Scene(plan, self.builder.finish(0), (), np.zeros((0, 4)), self.builder.semantics)
+        return build_facets(scene)
+
+
+def texels(facets: Facets, instance: int) -> tuple[np.ndarray, np.ndarray]:
+    """Places (K, 3) of an instance's texels, world frame, and their numbers (K,)."""
+    places, numbers = [], []
+    for i in np.flatnonzero(facets.instance == instance):
+        rows = facets.light[i, :, :3].astype(float)
+        c, r = (a.ravel() for a in np.meshgrid(*(np.arange(n) for n in facets.light_size[i])))
+        axes = rows / (rows**2).sum(axis=1, keepdims=True)
+        n, d = facets.plane[i, :3].astype(float), facets.plane[i, 3]
+        off = np.column_stack([c, r]) - facets.light[i, :, 3]
+        places.append(off @ axes + d * n + facets.origin)
+        numbers.append(facets.light_first[i] + np.arange(len(c)))
+    return np.concatenate(places), np.concatenate(numbers)
+
+
+def test_a_lamp_by_the_formula() -> None:
+    """No light comes back from black walls: on floor and walls it is power cos / d^2, as far as the lamp is a point."""
+    room = Room()
+    parts = room.box(0, 0, 6, 5)
+    facets = room.facets()
+    lamp = Lamp(2.0, 2.5, 1.8, (1.5, 1.0, 0.5))
+    got = bake(facets, [lamp], None, 0.0) - bake(facets, [], None, 0.0)
+    for name, normal in (("floor", (0, 0, 1)), ("e", (-1, 0, 0)), ("s", (0, 1, 0))):
+        places, numbers = texels(facets, parts[name])
+        off = np.array([2.0, 2.5, 1.8]) - places
+        d = np.linalg.norm(off, axis=1)
+        low = off[:, 2] >= 0  # above the lamp its shade takes some
+        expected = (off @ np.array(normal, float) / d / (d**2 + CLOSE**2))[:, None] * lamp.power
+        # At the edges light is that of 3 cm inside: up to 3 % of what it is at the smallest distance, 1.8 m.
+        np.testing.assert_allclose(got[numbers][low], expected[low], atol=0.012)
+
+
+def test_a_closed_room_stays_dark() -> None:
+    """Next to a bright room, behind walls of 10 cm: nothing but the light that is everywhere."""
+    room = Room()
+    bright, dark = room.box(0, 0, 4, 4), room.box(4.1, 0, 8, 4)
+    facets = room.facets()
+    with_lamp = bake(facets, [Lamp(2, 2, 2.1, WHITE), Lamp(3.6, 1.0, 0.5, WHITE)], None, 0.8)
+    without = bake(facets, [], None, 0.8)
+    for name in dark:
+        _, numbers = texels(facets, dark[name])
+        np.testing.assert_array_equal(with_lamp[numbers], without[numbers])
+        # Light everywhere, sent back and forth without end: 1 / (1 - 0.8) times; in corners less.
+        assert (with_lamp[numbers] > 0.5 * AMBIENT).all() and (with_lamp[numbers] < 5.01 * AMBIENT).all()
+    assert all(with_lamp[texels(facets, bright[name])[1]].mean() > 0.3 for name in bright)
+
+
+def test_a_table_casts_a_shadow() -> None:
+    room = Room()
+    floor = room.box(0, 0, 5, 5)["floor"]
+    room.body((1.5, 1.5, 0.70), (2.5, 2.5, 0.74))
+    facets = room.facets()
+    light = bake(facets, [Lamp(2.5, 2.5, 2.2, WHITE)], None, 0.5)[:, 0]
+    places, numbers = texels(facets, floor)
+    shade = np.array([2.5, 2.5, 0]) + (np.array([2.0, 2.0, 0]) - [2.5, 2.5, 0]) * 2.2 / (2.2 - 0.72)
+    other = 5.0 - shade  # as far from the lamp, on the free side
+    here, there = (light[numbers[np.argmin(np.linalg.norm(places[:, :2] - p[:2], axis=1))]] for p in (shade, other))
+    assert here < 0.5 * there
+    assert here > 0.05  # but other surfaces send light there
+
+
+def test_a_symmetric_room_has_symmetric_light() -> None:
+    """Four walls alike, the lamp in the middle: a quarter turn changes as much as the scatter of the rays."""
+    room = Room()
+    parts = room.box(0, 0, 4, 4)
+    facets = room.facets()
+    light = bake(facets, [Lamp(2, 2, 2.1, WHITE)], None, 0.7)[:, 0]
+    walls = [light[texels(facets, parts[name])[1]] for name in "wesn"]
+    means = np.array([wall.mean() for wall in walls])
+    np.testing.assert_allclose(means, means.mean(), rtol=0.02)
+    places, numbers = texels(facets, parts["floor"])
+    there = np.array([np.argmin(np.abs(places - (4 - p[0], 4 - p[1], 0)).sum(axis=1)) for p in places])
+    np.testing.assert_allclose(light[numbers], light[numbers][there], rtol=0.08)
+
+
+def window_room() -> tuple[Room, dict[str, int], int]:
+    """5 x 4 m with a window in the west wall: 1.2 m wide, from 0.9 to 2.1 m, in the plane of the wall."""
+    room = Room()
+    parts = room.box(0, 0, 5, 4, skip="w")
+    for y0, y1, z0, z1 in ((0, 4, 0, 0.9), (0, 4, 2.1, HEIGHT), (0, 1.4, 0.9, 2.1), (2.6, 4, 0.9, 2.1)):
+        room.sheet((0, y0, z0), (0, y1 - y0, 0), (0, 0, z1 - z0), WALL)
+    pane = room.sheet((0, 1.4, 0.9), (0, 1.2, 0), (0, 0, 1.2), OUTSIDE, glow=1.0)
+    return room, parts, pane
+
+
+def turned(facets: Facets, instance: int) -> np.ndarray:
+    """Normal of an instance's first facet."""
+    return facets.plane[np.flatnonzero(facets.instance == instance)[0], :3]
+
+
+def test_faces_of_the_test_room_look_inside() -> None:
+    room, parts, pane = window_room()
+    facets = room.facets()
+    for name, n in {
+        "floor": (0, 0, 1),
+        "ceiling": (0, 0, -1),
+        "e": (-1, 0, 0),
+        "s": (0, 1, 0),
+        "n": (0, -1, 0),
+    }.items():
+        np.testing.assert_allclose(turned(facets, parts[name]), n, atol=1e-6)
+    np.testing.assert_allclose(turned(facets, pane), (1, 0, 0), atol=1e-6)
+
+
+def test_the_sun_lies_where_geometry_says() -> None:
+    """The patch on the floor is the pane, moved along the sun's rays; inside it the light grows by power sin(h)."""
+    room, parts, _ = window_room()
+    facets = room.facets()
+    sun = Sun(math.radians(200.0), math.radians(40.0), (2.0, 1.8, 1.5))
+    got = bake(facets, [], sun, 0.0) - bake(facets, [], None, 0.0)
+    places, numbers = texels(facets, parts["floor"])
+    towards = np.array([math.cos(sun.bearing), math.sin(sun.bearing)]) / math.tan(sun.elevation)
+    # Up along the ray to x = 0.
+    z = -places[:, 0] / towards[0]
+    y = places[:, 1] + towards[1] * z
+    off = np.maximum(np.abs(y - 2.0) - 0.6, np.abs(z - 1.5) - 0.6)  # < 0: through the pane
+    inside, outside = numbers[off < -0.25], numbers[off > 0.25]
+    assert len(inside) > 4 and len(outside) > 100
+    np.testing.assert_allclose(got[inside], np.tile(np.multiply(sun.power, math.sin(sun.elevation)), (len(inside), 1)),
+                               rtol=1e-4)  # fmt: skip
+    np.testing.assert_allclose(got[outside], 0.0, atol=1e-6)
+
+
+def test_no_sun_through_walls() -> None:
+    room = Room()
+    room.box(0, 0, 4, 4)
+    facets = room.facets()
+    sun = Sun(0.5, 0.5, (3.0, 3.0, 3.0))
+    np.testing.assert_array_equal(bake(facets, [], sun, 0.5), bake(facets, [], None, 0.5))
+
+
+def test_a_window_by_the_formula() -> None:
+    """Opposite the window, black walls: its brightness times area cos cos / (pi d^2)."""
+    room, parts, pane = window_room()
+    facets = room.facets()
+    got = bake(facets, [], None, 0.0)
+    places, numbers = texels(facets, parts["e"])
+    middle = np.argmin(np.linalg.norm(places - (5, 2, 1.5), axis=1))
+    expected = np.array(DAYLIGHT) * 1.44 / (math.pi * 25 + 0.36)
+    # Rays that meet walls within 1 m dim the light that is everywhere; at 5 m none does.
+    np.testing.assert_allclose(got[numbers[middle]] - AMBIENT, expected, rtol=0.08)
+    near = got[texels(facets, parts["floor"])[1]][:, 0]
+    x = texels(facets, parts["floor"])[0][:, 0]
+    assert near[(x > 0.5) & (x < 1.5)].mean() > 2 * near[x > 4].mean()
+    assert (got[texels(facets, pane)[1]] == 0).all()  # what shines is not lit
+
+
+def test_light_comes_back_in_the_colour_of_walls() -> None:
+    room = Room()
+    parts = room.box(0, 0, 4, 4)
+    facets = room.facets()
+    lamp = [Lamp(2, 2, 2.1, WHITE)]
+    sent = np.full((len(facets.plane), 3), 0.6)
+    sent[facets.instance == parts["w"]] = (0.8, 0.1, 0.1)
+    light = bake(facets, lamp, None, sent)
+    places, numbers = texels(facets, parts["floor"])
+    hue = light[numbers, 0] / light[numbers, 2]
+    assert hue[places[:, 0] < 0.5].mean() > 1.05 * hue[places[:, 0] > 3.5].mean() > 1.05
+    black, grey, white = (bake(facets, lamp, None, a).mean() for a in (0.0, 0.5, 0.8))
+    assert 1.3 * black < grey and 1.2 * grey < white
+
+
+def test_pieces_of_a_floor_show_no_joint() -> None:
+    """A floor of two instances: just beside the joint both have the same light, to 2 percent."""
+    whole, split = Room(), Room()
+    floor = whole.box(0, 0, 4, 4)["floor"]
+    halves = [split.sheet((x, 0, 0), (w, 0, 0), (0, 4, 0), FLOOR) for x, w in ((0, 1.7), (1.7, 2.3))]
+    split.sheet((0, 4, HEIGHT), (4, 0, 0), (0, -4, 0), CEILING)
+    for o, r in (((0, 0, 0), (0, 4, 0)), ((4, 4, 0), (0, -4, 0)), ((4, 0, 0), (-4, 0, 0)), ((0, 4, 0), (4, 0, 0))):
+        split.sheet(o, r, (0, 0, HEIGHT), WALL)
+    facets = split.facets()
+    light = bake(facets, [Lamp(1, 1, 2.1, WHITE)], None, 0.7)
+    edge = []
+    for instance in halves:
+        places, numbers = texels(facets, instance)
+        at = np.abs(places[:, 0] - 1.7) < 1e-4
+        edge.append(light[numbers[at]][np.argsort(places[at, 1])])
+    assert len(edge[0]) == len(edge[1]) > 10
+    # The lamp's own light is taken 3 cm to each side of the joint.
+    np.testing.assert_allclose(edge[0], edge[1], rtol=0.03)
+    one = whole.facets()
+    assert bake(one, [Lamp(1, 1, 2.1, WHITE)], None, 0.7)[texels(one, floor)[1]].mean() == pytest.approx(
+        np.concatenate([light[texels(facets, h)[1]] for h in halves]).mean(), rel=0.05
+    )
+
+
+def test_a_floor_that_runs_through_a_door() -> None:
+    """Soft light of one floor is not mixed across the wall that stands on it."""
+    room = Room()
+    floor = room.box(0, 0, 8, 4)["floor"]
+    room.sheet((4, 0, 0), (0, 3, 0), (0, 0, HEIGHT), WALL, both=True)
+    facets = room.facets()
+    light = bake(facets, [Lamp(2, 1, 2.1, WHITE)], None, 0.5)[:, 0]
+    places, numbers = texels(facets, floor)
+    beside = (places[:, 1] < 2.0) & (np.abs(places[:, 0] - 4.0) < 0.35)
+    bright, dark = (light[numbers[beside & side]] for side in (places[:, 0] < 4.0, places[:, 0] > 4.0))
+    assert len(bright) > 5 and len(dark) > 5
+    assert dark.max() < 0.4 * bright.min()
+
+
+def test_a_frame_behind_its_picture() -> None:
+    """All of the frame's texels are covered, but its edge shows: it is as bright as the picture, to 10 percent."""
+    room = Room()
+    room.box(0, 0, 4, 4)
+    frame = room.sheet((0.005, 1.5, 1.2), (0, 0.6, 0), (0, 0, 0.4))
+    picture = room.sheet((0.010, 1.515, 1.215), (0, 0.57, 0), (0, 0, 0.37))
+    facets = room.facets()
+    light = bake(facets, [Lamp(2, 2, 2.1, WHITE)], None, 0.6)
+    around, within = (light[texels(facets, instance)[1]].mean() for instance in (frame, picture))
+    assert around == pytest.approx(within, rel=0.1)
+
+
+def test_the_foot_of_a_body_is_no_black_spot() -> None:
+    """A texel inside a table leg takes the light of those around it."""
+    room = Room()
+    floor = room.box(0, 0, 4, 4)["floor"]
+    room.body((1.46, 1.46, 0.0), (1.54, 1.54, 0.7))
+    facets = room.facets()
+    light = bake(facets, [Lamp(2, 2, 2.1, WHITE)], None, 0.6)[:, 0]
+    places, numbers = texels(facets, floor)
+    near = np.linalg.norm(places[:, :2] - 1.5, axis=1) < 0.35
+    assert light[numbers[near]].min() > 0.35 * light[numbers].max()
+
+
+def test_the_first_facet_of_random_rays(rng: np.random.Generator) -> None:
+    """The grid finds what a look at every facet finds."""
+    facets = build_facets(build_scene(generate(2), furniture=0.6, seed=2))
+    world = make_world(facets)
+    low, high = facets.vertices.min(axis=0), facets.vertices.max(axis=0)
+    n, d = facets.plane[:, :3].astype(float), facets.plane[:, 3].astype(float)
+    hit = 0
+    for _ in range(200):
+        o, ray = rng.uniform(low, high), rng.normal(size=3)
+        ray /= np.linalg.norm(ray)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = (d - n @ o) / (n @ ray)
+        best = np.inf
+        for i in np.flatnonzero((t > 1e-6) & (t < 100)):
+            q = facets.vertices[facets.first[i] : facets.first[i + 1]].astype(float)
+            inside = np.cross(np.roll(q, -1, axis=0) - q, o + t[i] * ray - q) @ n[i]
+            best = min(best, t[i]) if (inside >= 0).all() else best
+        f, got = trace(world.rays, o[0], o[1], o[2], ray[0], ray[1], ray[2], 1e3, False)
+        assert (f < 0) == np.isinf(best)
+        if f >= 0:
+            hit += 1
+            assert got == pytest.approx(best, abs=2e-4)  # m: rays past edges may meet the one or the other face
+    assert hit > 100
+
+
+def test_homes_are_bright_and_the_same_every_time() -> None:
+    scene = build_scene(generate(1), furniture=0.4, seed=1)
+    facets = build_facets(scene)
+    first, second = (bake(facets, scene.lamps, scene.sun, 0.6) for _ in range(2))
+    assert first.tobytes() == second.tobytes()
+    assert first.shape == (facets.light_first[-1], 3) and np.isfinite(first).all() and first.min() >= 0
+    facet = np.repeat(np.arange(len(facets.plane)), np.diff(facets.light_first))
+    walls = first[(facets.semantic[facet] == WALL)].mean(axis=1)
+    assert 0.3 < np.median(walls[walls > 0]) < 1.0
+    assert (first[facets.glow[facet] > 0] == 0).all()
+
+
+def test_light_is_kept_in_memory_and_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GALOC_CACHE", str(tmp_path))
+    scene = build_scene(generate(2), furniture=0.0, seed=2)
+    light_module._recent.clear()
+    _, light = lit(scene)
+    assert lit(scene)[1] is light
+    assert len(list(tmp_path.glob("*.galoc"))) == 1
+    light_module._recent.clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(light_module, "bake", lambda *_: pytest.fail("computed again"))
+        again = lit(scene)[1]
+    assert again.tobytes() == light.tobytes() and not again.flags.writeable
+    dull = dataclasses.replace(scene, lamps=scene.lamps[:-1])
+    assert lit(dull)[1].tobytes() != light.tobytes()
+    monkeypatch.setenv("GALOC_CACHE", "off")
+    light_module._recent.clear()
+    assert lit(scene)[1].tobytes() == light.tobytes()
+
+
+def test_only_so_many_scenes_stay_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(light_module, "_RECENT", 2)
+    room, _, _ = window_room()
+    plan = Floorplan.from_segments(np.array([[0, 0, 4, 0], [4, 0, 4, 3], [4, 3, 0, 0]], float), ceiling_height=2.5)
+    scene = Scene(plan, room.builder.finish(0), (), np.zeros((0, 4)), room.builder.semantics)
+    for k in range(4):
+        lit(dataclasses.replace(scene, lamps=(Lamp(1.0 + k / 2, 2, 2, WHITE),)))
+    assert len(light_module._recent) == 2
+
+
+def test_linear_light() -> None:
+    c = np.linspace(0, 1, 101)
+    exact = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(linear(c), exact, atol=0.005)
+
+
+def test_a_scene_without_faces() -> None:
+    assert bake(Room().facets(), [Lamp(0, 0, 2, WHITE)], None).shape == (0, 3)

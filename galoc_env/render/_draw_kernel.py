@@ -6,12 +6,13 @@ import numpy as np
 from numba import njit
 
 from galoc_env.render._edges_kernel import smooth
+from galoc_env.render._gloss_kernel import mirror, reflect
 from galoc_env.render._shading_kernel import shade
 from galoc_env.render._visibility_kernel import visible
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def look(pose, height_m, gravity, origin, camera, view):
+def look(pose, height_m, gravity, origin, camera, view):  # type: ignore[no-untyped-def]
     """Fill a view (16,): world from camera at a pose, seen from a home's origin, and fx, fy, cx, cy.
 
     The rotation is that of ``galoc_env.render.world_from_camera``: heading, then R_x(pitch) @ R_z(roll).
@@ -29,7 +30,21 @@ def look(pose, height_m, gravity, origin, camera, view):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def picture(view, width, height, stride, finest, home, scene, work, smoothly, rgb, depth, instance, semantic):
+def picture(  # type: ignore[no-untyped-def]
+    view,
+    width,
+    height,
+    stride,
+    finest,
+    home,
+    scene,
+    work,
+    smoothly,
+    rgb,
+    depth,
+    instance,
+    semantic,
+):
     """One picture, its edges smoothed or not."""
     used = visible(view, width, height, stride, home, scene, work)
     work[11][:used] = False
@@ -39,12 +54,12 @@ def picture(view, width, height, stride, finest, home, scene, work, smoothly, rg
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def halve(width, height, fine, rgb):
+def halve(width, height, fine, rgb):  # type: ignore[no-untyped-def]
     """Mean of 2 x 2 pixels of a picture twice as wide and high; of squares, close to the mean of light."""
     for y in range(height):
         for x in range(width):
             for k in range(3):
-                total = 0
+                total = np.int32(0)
                 for j in range(2):
                     for i in range(2):
                         value = np.int32(fine[3 * ((2 * y + j) * 2 * width + 2 * x + i) + k])
@@ -53,7 +68,7 @@ def halve(width, height, fine, rgb):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def draw(first, last, lanes, camera, size, homes, scene, work, outputs):
+def draw(first, last, lanes, camera, size, homes, scene, work, outputs):  # type: ignore[no-untyped-def]
     """Draw the lanes from ``first`` to ``last``.
 
     Args:
@@ -62,8 +77,8 @@ def draw(first, last, lanes, camera, size, homes, scene, work, outputs):
         lanes: home (L,), pose (L, 3), height (L,), gravity (L, 2).
         camera: (4,) fx, fy, cx, cy.
         size: width, height, length of a buffer's row; 0 for plain edges, 1 for smooth ones, 2 for a picture that is
-            also drawn twice as fine and averaged; largest mip level that textures have.
-        homes: first and last cluster (H, 2), origin (H, 3).
+            also drawn twice as fine and averaged, with glossy floors; largest mip level that textures have.
+        homes: first and last cluster (H, 2), origin (H, 3), whether a floor is glossy (H,).
         scene: arrays of all homes, see ``galoc_env.render.drawable``.
         work: buffers, see ``galoc_env.render.workspace``.
         outputs: rgb (L, H * W * 3), depth, instance and semantic (L, H * W), the last three empty when not wanted.
@@ -71,7 +86,7 @@ def draw(first, last, lanes, camera, size, homes, scene, work, outputs):
     width, height, stride, quality, finest = size
     which, poses, heights, gravities = lanes
     rgb, depth, instance, semantic = outputs
-    view = np.empty(16)
+    view, below = np.empty(16), np.empty(16)
     with_ids = depth.shape[1] + instance.shape[1] + semantic.shape[1] > 0
     for lane in range(first, last):
         home = which[lane]
@@ -85,9 +100,19 @@ def draw(first, last, lanes, camera, size, homes, scene, work, outputs):
         if quality == 2:
             for k in range(4):  # pixel i becomes the pixels 2 i and 2 i + 1
                 view[12 + k] = 2.0 * camera[k] + (0.5 if k > 1 else 0.0)
-            fine, wide = work[15], -(-2 * width // 16) * 16
+            fine, wide, floor = work[15], -(-2 * width // 16) * 16, -homes[1][home, 2]
+            glossy = homes[2][home] and view[11] > floor + 0.05
+            if glossy:
+                mirror(view, floor, below)
+                picture(
+                    below, 2 * width, 2 * height, wide, finest, clusters, scene, work, False,
+                    work[18], depth[lane, :0], instance[lane, :0], semantic[lane, :0],
+                )  # fmt: skip
             picture(
                 view, 2 * width, 2 * height, wide, finest, clusters, scene, work, True,
                 fine, depth[lane, :0], instance[lane, :0], semantic[lane, :0],
             )  # fmt: skip
+            if glossy:
+                work[17][0] = view[11] - floor
+                reflect(view, 2 * width, 2 * height, wide, scene[2], work, work[18], fine)
             halve(width, height, fine, rgb[lane])

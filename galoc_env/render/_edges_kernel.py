@@ -19,7 +19,7 @@ LANES = 16
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def crossing(outlines, slot, at, along, axis):
+def crossing(outlines, slot, at, along, axis):  # type: ignore[no-untyped-def]
     """Where an outline crosses the line between the centres ``along`` and ``along`` + 1; -1 where it does not.
 
     Args:
@@ -46,7 +46,7 @@ def crossing(outlines, slot, at, along, axis):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def share(slots, planes, outlines, at, beside, row, column, axis):
+def share(slots, planes, outlines, at, beside, row, column, axis):  # type: ignore[no-untyped-def]
     """How far the border between two neighbours lies from the middle between them, px; 0 if no edge is there."""
     one, other = slots[at], slots[beside]
     if one < 0 or other < 0:
@@ -69,7 +69,7 @@ def share(slots, planes, outlines, at, beside, row, column, axis):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def mix(rgb, to, beside, weight):
+def mix(rgb, to, beside, weight):  # type: ignore[no-untyped-def]
     """Give a pixel a share of another's colour, as a mean of squares, close to that of light."""
     for k in range(3):
         own, others = float(rgb[to + k]), float(rgb[beside + k])
@@ -77,7 +77,7 @@ def mix(rgb, to, beside, weight):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def smooth(width, height, stride, work, rgb):
+def smooth(width, height, stride, work, rgb):  # type: ignore[no-untyped-def]
     """Smooth the edges of a picture (H * W * 3,) that ``shade`` has written."""
     slots, planes, outlines = work[1], work[3], work[14]
     for y in range(height):

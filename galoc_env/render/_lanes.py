@@ -56,21 +56,21 @@ def _operator(function: Any, lanes: LaneType, emit: Callable[[Any, Any, Any], An
         return emit(builder, *arguments)
 
 
-for _function, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
-    _operator(_function, FLOATS, lambda builder, a, b, name=_name: getattr(builder, name)(a, b))
-_operator(operator.truediv, FLOATS, lambda builder, a, b: builder.fdiv(a, b))
-for _function, _name in (
-    (operator.add, "add"),
-    (operator.sub, "sub"),
-    (operator.mul, "mul"),
-    (operator.and_, "and_"),
-    (operator.or_, "or_"),
-    (operator.lshift, "shl"),
-    (operator.rshift, "ashr"),
-):
-    _operator(_function, INTS, lambda builder, a, b, name=_name: getattr(builder, name)(a, b))
-for _function, _name in ((operator.and_, "and_"), (operator.or_, "or_")):
-    _operator(_function, MASK, lambda builder, a, b, name=_name: getattr(builder, name)(a, b))
+def _instruction(name: str) -> Callable[[Any, Any, Any], Any]:
+    """Emitter of one instruction with two operands."""
+    return lambda builder, a, b: getattr(builder, name)(a, b)
+
+
+_ARITHMETIC = {"add": operator.add, "sub": operator.sub, "mul": operator.mul}
+for _name, _function in _ARITHMETIC.items():
+    _operator(_function, FLOATS, _instruction("f" + _name))
+    _operator(_function, INTS, _instruction(_name))
+_operator(operator.truediv, FLOATS, _instruction("fdiv"))
+_operator(operator.lshift, INTS, _instruction("shl"))
+_operator(operator.rshift, INTS, _instruction("ashr"))
+for _lanes in (INTS, MASK):
+    _operator(operator.and_, _lanes, _instruction("and_"))
+    _operator(operator.or_, _lanes, _instruction("or_"))
 
 
 def _spread(builder: Any, value: Any, kind: Any) -> Any:
@@ -136,7 +136,7 @@ def load(typing_context, array, at):  # type: ignore[no-untyped-def]
     lanes = FLOATS if array.dtype == types.float32 else INTS
 
     def codegen(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        return builder.load(_address(context, builder, array, *values, lanes.kind), align=4)
+        return builder.load(_address(context, builder, array, values[0], values[1], lanes.kind), align=4)
 
     return lanes(array, types.intp), codegen
 
@@ -146,7 +146,7 @@ def store(typing_context, array, at, a):  # type: ignore[no-untyped-def]
     """Sixteen values into a float32 or int32 array from index ``at`` on."""
 
     def codegen(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        builder.store(values[2], _address(context, builder, array, *values[:2], a.kind), align=4)
+        builder.store(values[2], _address(context, builder, array, values[0], values[1], a.kind), align=4)
         return context.get_dummy_value()
 
     return types.void(array, types.intp, a), codegen
@@ -158,7 +158,9 @@ def store_bytes(typing_context, array, at, a):  # type: ignore[no-untyped-def]
 
     def codegen(context, builder, signature, values):  # type: ignore[no-untyped-def]
         narrow = ir.VectorType(_BYTE, LANES)
-        builder.store(builder.trunc(values[2], narrow), _address(context, builder, array, *values[:2], narrow), align=1)
+        builder.store(
+            builder.trunc(values[2], narrow), _address(context, builder, array, values[0], values[1], narrow), align=1
+        )
         return context.get_dummy_value()
 
     return types.void(array, types.intp, INTS), codegen
@@ -174,7 +176,7 @@ def store_rgb(typing_context, array, at, a):  # type: ignore[no-untyped-def]
         split = builder.bitcast(values[2], ir.VectorType(_BYTE, 4 * LANES))
         mask = ir.Constant(ir.VectorType(_INT, 3 * LANES), order)
         pixels = builder.shuffle_vector(split, ir.Constant(split.type, ir.Undefined), mask)
-        builder.store(pixels, _address(context, builder, array, *values[:2], packed), align=1)
+        builder.store(pixels, _address(context, builder, array, values[0], values[1], packed), align=1)
         return context.get_dummy_value()
 
     return types.void(array, types.intp, INTS), codegen

@@ -45,7 +45,7 @@ COEFFICIENTS = 20
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def prepare(view, slot, table, index, work):
+def prepare(view, slot, table, index, work):  # type: ignore[no-untyped-def]
     """Fill in the coefficients of the facet in a slot."""
     planes, facet, c = work[3], work[4][slot], work[10]
     fx, fy, cx, cy = view[12], view[13], view[14], view[15]
@@ -73,7 +73,7 @@ def prepare(view, slot, table, index, work):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def light_at(column, row, last_column, last_row, first, columns, light):
+def light_at(column, row, last_column, last_row, first, columns, light):  # type: ignore[no-untyped-def]
     """Packed light at a place counted in 1/256 texel, bilinear between light texels."""
     u, v = u8(i8(min(max(column, 0.0), last_column))), u8(i8(min(max(row, 0.0), last_row)))
     wu, wv, one = u & u8(255), v & u8(255), u8(256)
@@ -85,7 +85,7 @@ def light_at(column, row, last_column, last_row, first, columns, light):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def mip_level(z, area, grazing, finest):
+def mip_level(z, area, grazing, finest):  # type: ignore[no-untyped-def]
     """Mip level of about one texel per pixel; at grazing angles less blur than would be needed along the view."""
     texels = area * z * z * z * max(1.0, z * grazing)
     level = 0
@@ -96,14 +96,14 @@ def mip_level(z, area, grazing, finest):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def level_start(level):
+def level_start(level):  # type: ignore[no-untyped-def]
     """Texels before a mip level of a texture."""
     # 4^8 + 4^7 + ... as a closed form.
     return ((1 << (2 * SIZE_BITS + 2)) - (1 << (2 * (SIZE_BITS - level) + 2))) // 3
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def texture_lanes(z, u, ux, u_constant, v, vx, v_constant, level, base, texels):
+def texture_lanes(z, u, ux, u_constant, v, vx, v_constant, level, base, texels):  # type: ignore[no-untyped-def]
     """Texture of 16 pixels: red and blue, and green, each as a result of ``blend``.
 
     Args:
@@ -149,7 +149,7 @@ def texture_lanes(z, u, ux, u_constant, v, vx, v_constant, level, base, texels):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def light_lanes(start, end, share, shift):
+def light_lanes(start, end, share, shift):  # type: ignore[no-untyped-def]
     """Light of pixels between its packed values at the first one and 1 / ``share`` pixels later."""
     a = f4(i4((start >> u8(shift)) & u8(4095)) << i4(4))
     b = f4(i4((end >> u8(shift)) & u8(4095)) << i4(4))
@@ -157,7 +157,7 @@ def light_lanes(start, end, share, shift):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def finish(to, count, facet, index, work, rgb, depth, instance, semantic):
+def finish(to, count, facet, index, work, rgb, depth, instance, semantic):  # type: ignore[no-untyped-def]
     """Copy the last pixels of a picture from where ``shade`` has put them."""
     for i in range(count):
         for k in range(3):
@@ -171,7 +171,7 @@ def finish(to, count, facet, index, work, rgb, depth, instance, semantic):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def blank(to, count, rgb, depth, instance, semantic):
+def blank(to, count, rgb, depth, instance, semantic):  # type: ignore[no-untyped-def]
     """Pixels that see nothing."""
     for i in range(to, to + count):
         rgb[3 * i], rgb[3 * i + 1], rgb[3 * i + 2] = VOID, VOID, VOID
@@ -184,7 +184,19 @@ def blank(to, count, rgb, depth, instance, semantic):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def shade(view, width, height, stride, finest, scene, work, rgb, depth, instance, semantic):
+def shade(  # type: ignore[no-untyped-def]
+    view,
+    width,
+    height,
+    stride,
+    finest,
+    scene,
+    work,
+    rgb,
+    depth,
+    instance,
+    semantic,
+):
     """Write the picture from filled buffers.
 
     Args:

@@ -38,7 +38,7 @@ FAR_AWAY = f4(1e30)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def clear(width, height, stride, inverse, slots):
+def clear(width, height, stride, inverse, slots):  # type: ignore[no-untyped-def]
     """Empty the buffers; the padding of each row counts as filled, so that it keeps no tile from hiding things."""
     zero, none, full = spread(f4(0.0)), spread_int(i4(-1)), spread(FAR_AWAY)
     edge = spread_int(i4(width))
@@ -51,7 +51,7 @@ def clear(width, height, stride, inverse, slots):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def frustum(view, width, height, planes):
+def frustum(view, width, height, planes):  # type: ignore[no-untyped-def]
     """The five planes n . p + d >= 0 that bound what the camera sees, one pixel wider, in the facets' frame."""
     fx, fy, cx, cy = view[12], view[13], view[14], view[15]
     camera = np.empty((5, 3))
@@ -70,7 +70,7 @@ def frustum(view, width, height, planes):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def nearest_first(view, planes, boxes, first, last, order, distance):
+def nearest_first(view, planes, boxes, first, last, order, distance):  # type: ignore[no-untyped-def]
     """Clusters that reach into the frustum, by their distance; returns how many."""
     count = 0
     for c in range(first, last):
@@ -99,7 +99,7 @@ def nearest_first(view, planes, boxes, first, last, order, distance):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def coarse(height, stride, inverse, tiles):
+def coarse(height, stride, inverse, tiles):  # type: ignore[no-untyped-def]
     """Least inverse depth of each tile: what lies farther is hidden there."""
     columns = stride // LANES
     for row in range(0, height, TILE_ROWS):
@@ -114,7 +114,7 @@ def coarse(height, stride, inverse, tiles):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def covered_by(left, right, top, bottom, nearest, width, height, stride, tiles):
+def covered_by(left, right, top, bottom, nearest, width, height, stride, tiles):  # type: ignore[no-untyped-def]
     """Whether what was drawn so far hides everything in a rectangle of the image that is ``nearest`` m away or more."""
     columns = stride // LANES
     x0, x1 = int(max(left - 1.0, 0.0)) // LANES, int(min(right + 1.0, width - 1.0)) // LANES
@@ -128,7 +128,7 @@ def covered_by(left, right, top, bottom, nearest, width, height, stride, tiles):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def hidden(view, boxes, c, width, height, stride, tiles):
+def hidden(view, boxes, c, width, height, stride, tiles):  # type: ignore[no-untyped-def]
     """Whether what was drawn so far hides all of a cluster's box."""
     fx, fy, cx, cy = view[12], view[13], view[14], view[15]
     left, right, top, bottom, nearest = 1e9, -1e9, 1e9, -1e9, 1e9
@@ -146,7 +146,7 @@ def hidden(view, boxes, c, width, height, stride, tiles):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def project(view, vertices, first, last, corners):
+def project(view, vertices, first, last, corners):  # type: ignore[no-untyped-def]
     """Vertices in the camera's frame, x and y times the focal lengths, and in pixels: five rows of ``corners``."""
     fx, fy = view[12], view[13]
     x0, x1, x2 = spread(f4(fx * view[0])), spread(f4(fx * view[3])), spread(f4(fx * view[6]))
@@ -166,7 +166,7 @@ def project(view, vertices, first, last, corners):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def clip(view, corners, first, count, outline):
+def clip(view, corners, first, count, outline):  # type: ignore[no-untyped-def]
     """Cut a facet at the near plane; its outline in pixels, and the number of its corners."""
     kept = 0
     for k in range(count):
@@ -187,7 +187,7 @@ def clip(view, corners, first, count, outline):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def spans(count, outline, first, last, width, left, right):
+def spans(count, outline, first, last, width, left, right):  # type: ignore[no-untyped-def]
     """First and last pixel of a convex outline in each image row from ``first`` to ``last``; first > last for none."""
     for k in range(count):
         after = k + 1 if k + 1 < count else 0
@@ -223,7 +223,19 @@ def spans(count, outline, first, last, width, left, right):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def fill(first, last, left, right, stride, at_corner, along_x, along_y, slot, inverse, slots):
+def fill(  # type: ignore[no-untyped-def]
+    first,
+    last,
+    left,
+    right,
+    stride,
+    at_corner,
+    along_x,
+    along_y,
+    slot,
+    inverse,
+    slots,
+):
     """Draw spans where they are nearer than what is there; returns the number of pixels they cover."""
     step, number, lane = spread(f4(along_x)) * ramp(), spread_int(i4(slot)), ramp_int()
     covered = 0
@@ -245,7 +257,7 @@ def fill(first, last, left, right, stride, at_corner, along_x, along_y, slot, in
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def visible(view, width, height, stride, home, scene, work):
+def visible(view, width, height, stride, home, scene, work):  # type: ignore[no-untyped-def]
     """Fill the buffers for one view of one home; returns the number of slots used.
 
     Args:

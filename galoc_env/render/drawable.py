@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from galoc_env.render._lanes import LANES
 from galoc_env.render._shading_kernel import level_start
 from galoc_env.render.textures import digest, length, packed
+from galoc_env.scene_mesh import FLOOR
 
 if TYPE_CHECKING:
     from galoc_env.render.facets import Facets
     from galoc_env.scene import Scene
+    from galoc_env.scene_mesh import SceneMesh
 
 Arrays = tuple[NDArray, ...]
 
@@ -23,15 +25,20 @@ UNIT = 2065
 """Stored light at which a texture keeps its own colour (:func:`galoc_env.render._lanes.lit`, in steps of 16)."""
 BRIGHTEST = 4095
 """Stored light has 12 bits."""
+GLOSS = {
+    "checker_tiles": 0.96, "concrete": 0.4, "dark_planks": 0.72, "granite": 0.96, "herringbone": 0.72, "marble": 1,
+    "mosaic": 0.56, "pale_planks": 0.56, "pine": 0.48, "planks": 0.64, "slabs": 0.48, "terrazzo": 0.96, "tiles": 0.88,
+    "wood": 0.56,
+}  # fmt: skip
+"""How much of a mirror a floor of these materials is; others are dull."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drawable:
     """One scene. Columns of ``table``: plane (4), maps to texture u, v and light column, row (4 each).
 
-    Columns of ``index``: first vertex, vertex after the last, texture, first light texel, light columns, light
-    rows, instance, semantic class.
-    In an arena the third is the texture's first texel, had it all levels.
+    Columns of ``index``: first vertex, vertex after the last, texture (in an arena its first texel, had it all levels),
+    first light texel, light columns, light rows, instance, semantic class, gloss (floors only, 0 to 255).
     """
 
     vertices: NDArray[np.float32]
@@ -39,7 +46,7 @@ class Drawable:
     table: NDArray[np.float32]
     """(N, 20)."""
     index: NDArray[np.int32]
-    """(N, 8)."""
+    """(N, 9)."""
     boxes: NDArray[np.float32]
     """(C, 2, 3) m."""
     cluster_first: NDArray[np.int32]
@@ -70,12 +77,12 @@ def drawable(scene: Scene, facets: Facets, light: NDArray[np.float32], finest: i
         light: (T, 3) linear light of the facets' light texels.
         finest: first mip level of its textures.
     """
-    images = [np.asarray(mesh.mesh.visual.material.baseColorTexture) for mesh in scene.meshes]
+    images = [_image(mesh) for mesh in scene.meshes]
     names = tuple(digest(image) for image in images)
     count = len(facets.plane)
     table = np.concatenate([facets.plane, facets.texture.reshape(count, 8), facets.light.reshape(count, 8)], axis=1)
     columns = (facets.first[:-1], facets.first[1:], facets.material, facets.light_first[:-1], facets.light_size,
-               facets.instance, facets.semantic)  # fmt: skip
+               facets.instance, facets.semantic, _gloss(facets))  # fmt: skip
     return Drawable(
         np.ascontiguousarray(facets.vertices.T),
         np.ascontiguousarray(table, np.float32),
@@ -87,6 +94,22 @@ def drawable(scene: Scene, facets: Facets, light: NDArray[np.float32], finest: i
         packed_light(facets, light),
         facets.origin,
     )
+
+
+def _image(mesh: SceneMesh) -> NDArray[np.uint8]:
+    """(H, W, 3) texture of a mesh; white where it has none."""
+    material = getattr(mesh.mesh.visual, "material", None)
+    image = getattr(material, "baseColorTexture", None)
+    image = getattr(material, "image", None) if image is None else image
+    return np.full((4, 4, 3), 255, np.uint8) if image is None else np.asarray(image.convert("RGB"))
+
+
+def _gloss(facets: Facets) -> NDArray[np.int32]:
+    """(N,) of floors at height 0, by material, 0 to 255."""
+    of_material = np.array([round(255 * GLOSS.get(name.split(".")[0], 0.0)) for name in facets.materials], np.int32)
+    height = facets.plane[:, 3] + facets.origin[2]
+    floor = (facets.semantic == FLOOR) & (facets.plane[:, 2] > 0.999) & (np.abs(height) < 0.01)
+    return np.where(floor, of_material[facets.material], 0).astype(np.int32)
 
 
 def packed_light(facets: Facets, light: NDArray[np.float32]) -> NDArray[np.uint64]:
@@ -113,7 +136,7 @@ def arena_arrays(homes: Sequence[Drawable], finest: int = 0) -> tuple[Arrays, Ar
 
     Returns:
         The scene arrays (vertices, table, index, boxes, cluster_first, texels, light), and for each home its first and
-        last cluster (H, 2) and its origin (H, 3).
+        last cluster (H, 2), its origin (H, 3), and whether it has a glossy floor (H,).
     """
     place: dict[str, int] = {}
     texels: list[NDArray[np.int32]] = []
@@ -142,4 +165,5 @@ def arena_arrays(homes: Sequence[Drawable], finest: int = 0) -> tuple[Arrays, Ar
         np.concatenate(texels),
         np.concatenate([home.light for home in homes]),
     )
-    return scene, (np.array(ranges, np.int32).reshape(-1, 2), np.array([home.origin for home in homes]).reshape(-1, 3))
+    glossy = np.array([bool(home.index[:, 8].any()) for home in homes])
+    return scene, (np.array(ranges, np.int32), np.array([home.origin for home in homes]), glossy)

@@ -22,7 +22,7 @@ _packed: OrderedDict[tuple[str, int], NDArray[np.int32]] = OrderedDict()
 
 def digest(image: NDArray[np.uint8]) -> str:
     """Name of a texture by its content."""
-    return blake2b(np.ascontiguousarray(image), digest_size=16).hexdigest()
+    return blake2b(np.ascontiguousarray(image).data, digest_size=16).hexdigest()
 
 
 def finest_level(focal_px: float) -> int:
@@ -52,7 +52,7 @@ def packed(image: NDArray[np.uint8], name: str, finest: int) -> NDArray[np.int32
     if image.shape[:2] != (SIZE, SIZE):
         import cv2
 
-        image = cv2.resize(image, (SIZE, SIZE), interpolation=cv2.INTER_AREA)
+        image = np.asarray(cv2.resize(image, (SIZE, SIZE), interpolation=cv2.INTER_AREA), np.uint8)
     level, parts = image[::-1, :, :3].astype(np.float64), []
     for number in range(LEVELS):
         if number >= finest:

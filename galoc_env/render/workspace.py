@@ -58,6 +58,8 @@ class Workspace:
                 np.zeros((facets, MOST // 2, 4), f4),  # per slot: number of edges, then they as in the outline below
                 np.zeros(3 * w * h if fineness > 1 else 0, np.uint8),  # the finer picture
                 np.zeros((MOST, 6)),  # outline of a facet: corner; of each edge lower end, row of the upper, slope; px
+                np.zeros(1),  # height above the floor, m
+                np.zeros(3 * w * h if fineness > 1 else 0, np.uint8),  # what the floor reflects
             ),
             sizes,
         )

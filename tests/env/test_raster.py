@@ -20,8 +20,10 @@ from test_scene import house
 from galoc import Camera, Floorplan, GalocError
 from galoc_env.motion import walkable
 from galoc_env.render import make_renderer, world_from_camera
+from galoc_env.render._gloss_kernel import mirror
 from galoc_env.render.arena import Arena
 from galoc_env.scene import build_scene
+from galoc_env.scene_mesh import FLOOR
 
 CAMERA = Camera.from_hfov(96, 72, 100)
 OFF_CENTRE = Camera(75, 61, 44.0, 40.0, 30.3, 33.7)
@@ -243,6 +245,28 @@ def test_better_quality_comes_closer_to_a_finer_picture(scene):
             np.testing.assert_array_equal(frame.depth, frames["fast"].depth)
     assert error["default"] < 0.6 * error["fast"]
     assert error["best"] < 0.6 * error["default"]
+
+
+def test_glossy_floors_reflect_in_the_best_quality(scene, monkeypatch):
+    """Gloss changes floors and nothing else, and the mirrored view's rays are those that a level floor throws back."""
+    glossy = make_renderer("raster", scene, CAMERA, quality="best")
+    monkeypatch.setattr("galoc_env.render.drawable.GLOSS", {})
+    dull = make_renderer("raster", scene, CAMERA, quality="best")
+    changed = 0
+    for view in views(scene, 6, seed=1):
+        frame, other = glossy.render(*view), dull.render(*view)
+        differs = np.any(frame.rgb != other.rgb, axis=2)
+        assert not np.any(differs & ~edges(frame.instance) & (frame.semantic != FLOOR))
+        changed += np.count_nonzero(differs)
+    assert changed > 200
+
+    view = np.concatenate([world_from_camera((1.0, 2.0, 0.7), 1.4, (0.1, -0.2))[:3, :3].ravel(), (1.0, 2.0, 1.4)])
+    below = np.empty(16)
+    mirror.py_func(np.concatenate([view, np.ones(4)]), 0.25, below)
+    rays = np.random.default_rng(0).normal(size=(20, 3))
+    there, back = rays @ view[:9].reshape(3, 3).T, rays @ below[:9].reshape(3, 3).T
+    np.testing.assert_allclose(back, there * (1, 1, -1), atol=1e-12)
+    np.testing.assert_allclose(below[9:12], (1.0, 2.0, 0.25 - (1.4 - 0.25)), atol=1e-12)
 
 
 def test_brightness_does_not_depend_on_quality_or_size(scene):

@@ -49,11 +49,13 @@ LIMITS: dict[str, tuple[float, float]] = {
     "jpeg": (0, 100),
 }
 """Lowest and highest value of each knob."""
+MOST_OFF = 2.0
+"""Exposures are wrong by so many sd at most: a camera's automatic leaves no picture black or white."""
 PRESETS: dict[str, tuple[float, ...]] = {
     "none": (0.0,) * 12,
     "phone": (0.15, 0.04, 0.12, -0.005, 0.03, 0.04, 0.03, 0.012, 0.003, 0.05, 0.3, 92),
-    "webcam": (0.25, 0.08, 0.25, -0.02, 0.06, 0.07, 0.05, 0.02, 0.006, 0.08, 0.2, 75),
-    "poor": (0.6, 0.15, 0.5, -0.05, 0.12, 0.08, 0.12, 0.05, 0.02, 0.15, 0.4, 35),
+    "webcam": (0.3, 0.08, 0.25, -0.02, 0.06, 0.07, 0.05, 0.02, 0.006, 0.08, 0.2, 75),
+    "poor": (0.5, 0.15, 0.5, -0.05, 0.12, 0.08, 0.12, 0.05, 0.012, 0.15, 0.4, 35),
 }
 """Knobs of the named cameras, in the order of ``LIMITS``. Half a second passes between pictures: 0.03 is 1/66 s."""
 
@@ -68,7 +70,7 @@ class Imaging:
     """
 
     exposure: float = 0.0
-    """Error of the exposure, sd, stops (factors of 2)."""
+    """Error of the exposure, sd, stops (factors of 2); no draw is further off than twice that."""
     white_balance: float = 0.0
     """Error of the white balance, sd of the natural logarithm of red's and, against it, blue's gain."""
     vignette: float = 0.0
@@ -227,7 +229,7 @@ class Imaging:
     def _developed(self, light: Light, draws: NDArray[np.float64], seed: Any) -> Image:
         """Sensor and tone curve."""
         stops, amber, green, bend = draws
-        gain = 2.0 ** (self.exposure * stops)
+        gain = 2.0 ** (self.exposure * min(max(stops, -MOST_OFF), MOST_OFF))
         tint = self.white_balance * np.array([amber, MIXED_LIGHT * green, -amber])
         gains = (gain * np.exp(tint)).astype(np.float32)
         codes = _codes(math.exp(self.gamma * bend), self.contrast)

@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from galoc_env import materials_outside as outside
 from galoc_env import materials_things as things
 from galoc_env import materials_walls as walls
 from galoc_env import materials_wood as woods
@@ -54,7 +55,7 @@ _RECIPES: dict[str, tuple[Callable[[Canvas], Field], float]] = {
     "mirror": (things.mirror, 1.8),
     "mosaic": (walls.mosaic, 0.7),
     "oak": (woods.oak, 0.9),
-    "outdoors": (things.outdoors, 5.2),
+    "outdoors": (outside.outdoors, 3.0),
     "painted_wood": (woods.painted_wood, 0.9),
     "pale_planks": (woods.pale_planks, 1.1),
     "pine": (woods.pine, 0.9),
@@ -81,7 +82,7 @@ _RECIPES: dict[str, tuple[Callable[[Canvas], Field], float]] = {
 
 NAMES = tuple(sorted(_RECIPES))
 """Names of all materials."""
-_FIXED = ("outdoors",)  # drawn to the height of a window
+_FIXED = ("outdoors",)  # drawn to the height of windows
 
 
 @lru_cache(maxsize=256)

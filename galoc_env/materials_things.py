@@ -152,31 +152,3 @@ def _photo(c: Canvas) -> Field:
 def art(c: Canvas) -> Field:
     """A picture for a frame."""
     return (_abstract, _blocks, _landscape, _photo)[int(c.rng.integers(4))](c)
-
-
-def _sky(c: Canvas) -> Field:
-    high = np.minimum(2.0 * (1.0 - c.y), 1.0)
-    haze = 6.0 * c.noise("cloud") + 3.0 * c.noise("soft")
-    image = np.stack([236 - 30 * high, 243 - 14 * high, 252 + 2 * high], axis=-1)
-    return np.asarray(image + haze[..., None], np.float32)
-
-
-def outdoors(c: Canvas) -> Field:
-    """Bright and hazy: trees and a lawn, houses across a street, or sky alone above far trees. Row 0 is the top.
-
-    5.2 m high, so that it wraps above any window.
-    """
-    image, kind, up = _sky(c), int(c.rng.integers(3)), 2.0 * (1.0 - c.y)
-    wave = 0.03 * np.sin(_TAU * 3 * c.x + c.uniform(0, _TAU))
-    if kind == 1:
-        tops, fronts = c.rng.uniform(0.5, 0.95, 6), c.rng.uniform(176, 232, (6, 1)) * c.rng.uniform(0.9, 1.0, (6, 3))
-        house, within = c.steps(6)
-        image = blend(image, fronts[house][None], ramp(tops[house] - up, 0.01))
-        holes = (within > 0.2) & (within < 0.8) & ((within * 5) % 1.0 < 0.6) & ((up * 7) % 1.0 < 0.5)
-        image[holes & (up < tops[house] - 0.06)] *= 0.72
-        return blend(image, c.pick((196, 196, 194)), ramp(0.3 - up, 0.02))
-    crown = (0.52 if kind == 0 else 0.30) + wave + 0.03 * c.noise("soft")
-    leaf = paint(c.pick((172, 194, 152), (150, 172, 128)), 12.0 * c.noise("mid"), (0.9, 1.0, 0.8))
-    image = blend(image, leaf, ramp(crown - up, 0.02))
-    lawn = paint(c.pick((204, 222, 172)), 5.0 * c.noise("fine"), (0.9, 1.0, 0.7))
-    return blend(image, lawn, ramp(0.40 - up, 0.01) if kind == 0 else np.zeros((SIZE, SIZE)))

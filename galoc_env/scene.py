@@ -106,9 +106,7 @@ def build_scene(plan: Floorplan, *, furniture: float = 0.5, seed: int = 0, shut_
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise GalocError(f"seed = {seed!r}", "a whole number from 0", "Pass seed=0, 1, 2, ...")
     # One stream each, so that more of one thing moves nothing else.
-    style, item, part, leaf, window, fitting, sky, lamp = (
-        np.random.default_rng([int(seed), k]) for k in (0, 1, 2, 3, 4, 5, 6, 11)
-    )
+    style, item, part, leaf, window, fitting, sky, lamp = (np.random.default_rng([int(seed), k]) for k in range(8))
     lighting = Lighting(float(style.uniform(0.0, 2 * math.pi)))
     rooms = find_rooms(plan, style)
     items = furnish(plan, furniture, item, rooms)

@@ -105,7 +105,8 @@ class _Window:
 
     def blind(self, painter, rng: np.random.Generator) -> None:  # type: ignore[no-untyped-def]
         """Slats that cover the upper part of the window, more or less open."""
-        share, tilt, pitch = rng.uniform(0.25, 1.0), rng.uniform(-1.1, 1.1), float(rng.choice((0.045, 0.06)))
+        share, tilt, pitch = rng.uniform(0.25, 1.0), rng.uniform(0.45, 1.2), float(rng.choice((0.05, 0.065)))
+        tilt *= float(rng.choice((-1.0, 1.0)))
         y, half, top = self._shade_plane(), self.half - 0.01, self.high - 0.005
         paint = painter()
         wooden = rng.uniform() < 0.25
@@ -118,7 +119,8 @@ class _Window:
         corners[:, :, 0] = (-half, half, half, -half)
         corners[:, :, 1] = y + np.array([dy, dy, -dy, -dy])
         corners[:, :, 2] = z[:, None] + np.array([-dz, -dz, dz, dz])
-        paint.sheets(name, corners, tint)
+        # Between slats lies more light than points far apart can tell: they pass it on, and are seen by it.
+        paint.sheets(name, corners, tint, glow=float(rng.uniform(0.55, 0.85)))
         bottom = float(z[-1]) - pitch / 2
         paint.box(name, (-half, y - 0.015, bottom - 0.015), (half, y + 0.015, bottom), tint)
         paint.flush()

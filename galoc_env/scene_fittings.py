@@ -31,6 +31,11 @@ _CLEAR = 0.25
 """From the edge of a window to a fitting: room for curtains, m."""
 _TRIES = 4
 
+_ONCE = {"tv", "clock", "board"}
+"""No room has two of these."""
+_BELOW = {"tv": 0.55}
+"""What hangs over no higher furniture, m: nobody watches a screen above a sofa."""
+
 _WANTED: dict[str, dict[str, float]] = {
     "living": {"pictures": 5, "mirror": 0.7, "tv": 1.2, "shelf": 1.2, "clock": 0.5, "sconce": 0.6},
     "bed": {"pictures": 4, "mirror": 1.0, "shelf": 0.8, "sconce": 0.8, "hooks": 0.4, "tv": 0.3},
@@ -93,9 +98,22 @@ class _Walls:
         return np.asarray(self._plan.segments[side.segment, :2] + s * side.along)
 
     def find(
-        self, mine: NDArray[np.int64], size: tuple[float, float, float], low: float, rng: np.random.Generator
+        self,
+        mine: NDArray[np.int64],
+        size: tuple[float, float, float],
+        low: float,
+        rng: np.random.Generator,
+        below: float = math.inf,
     ) -> tuple[Side, float] | None:
-        """Free room for a box of width, height and depth (m) on one of some sides: the side, and how far along (m)."""
+        """Free room on one of some sides: the side, and how far along it, m.
+
+        Args:
+            mine: numbers of the sides.
+            size: width, height and depth of a box, m.
+            low: its lower edge, m.
+            rng: source of the choice.
+            below: nothing higher than this may stand under it, m.
+        """
         width, height, depth = size
         high = low + height
         fits = np.where(self.length[mine] > width + 0.2, np.minimum(self.length[mine], 6.0), 0.0)
@@ -108,7 +126,9 @@ class _Walls:
             if any(span[1] > t[0] and span[0] < t[1] and low < t[3] and high > t[2] for t in self._taken[k]):
                 continue
             line = np.array([self.foot(side, v) for v in np.linspace(*span, 6)])
-            if self._clutter.hits(np.concatenate([line + 0.05 * side.normal, line + depth * side.normal]), low):
+            if self._clutter.hits(
+                np.concatenate([line + 0.05 * side.normal, line + depth * side.normal]), min(low, below)
+            ):
                 continue
             self._taken[k].append((*span, low - 0.05, high + 0.05))
             return side, s
@@ -131,6 +151,8 @@ def add_fittings(
     if not walls.sides or density == 0.0:
         return
     left = MAX_FITTINGS
+    stands = [(box.x, box.y) for box in clutter.boxes if getattr(box, "kind", "") == "tv_stand"]
+    screens = rooms.at(np.array(stands).reshape(-1, 2)).tolist()
     by_room: dict[int, list[int]] = {}
     for k, side in enumerate(walls.sides):
         by_room.setdefault(side.room, []).append(k)
@@ -143,14 +165,19 @@ def add_fittings(
             int(own.poisson(density * walls.length[mine].sum() / WALL_PER_FITTING)), 14 if room >= 0 else left, left
         )
         left -= count
-        for kind in own.choice(list(wanted), count, p=chances / chances.sum()):
-            size = _SIZES[str(kind)]
+        kinds = [str(kind) for kind in own.choice(list(wanted), count, p=chances / chances.sum())]
+        once = {"tv"} if room in screens else set[str]()
+        for kind in kinds:
+            size = _SIZES[kind]
             width, height, low = (float(own.uniform(*span)) for span in (size.width, size.height, size.bottom))
-            found = walls.find(mine, (width, height, size.depth), low, own)
+            if kind in once:
+                continue
+            found = walls.find(mine, (width, height, size.depth), low, own, _BELOW.get(kind, math.inf))
             if found is not None:
                 side, s = found
+                once.update({kind} & _ONCE)
                 paint = _painter(builder, walls.foot(side, s), side.normal, low, rooms.style(room).light, lighting)
-                DRAW[str(kind)](paint, width, height, own)
+                DRAW[kind](paint, width, height, own)
                 paint.flush()
 
 

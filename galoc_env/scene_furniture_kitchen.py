@@ -173,11 +173,13 @@ def _uppers(paint: SolidPainter, look: Look, fit: Fittings, item: Furniture, run
     units, edges = run
     a, top = item.length / 2, item.height
     x = -a + UPPER_DEPTH - 0.02
-    for unit, y0, y1 in zip(units, edges[:-1], edges[1:], strict=True):
+    for k, (unit, y0, y1) in enumerate(zip(units, edges[:-1], edges[1:], strict=True)):
+        if unit == "N" and len(units) > 1:
+            y0, y1 = _corner_upper(paint, fit, (a, top), (float(y0), float(y1)), right=k == 0)
         if unit == "H":
             _hood(paint, look, (-a, float(y0), float(y1), top))
             continue
-        if look.chance(0.12):
+        if unit != "N" and look.chance(0.12):
             paint.box(fit.high[0], (-a, y0, UPPER), (-a + 0.24, y1, UPPER + 0.03), fit.high[1])
             trinket(paint, look, (-a + 0.12, 0.5 * float(y0 + y1), UPPER + 0.03), 0.3, 0.1)
             continue
@@ -187,6 +189,16 @@ def _uppers(paint: SolidPainter, look: Look, fit: Fittings, item: Furniture, run
             z = np.where(spots[:, 5] == 0, spots[:, 2] + 0.04 + fit.grip / 2, spots[:, 2] + 0.03 + fit.grip / 2)
             side = spots[:, 1] - 0.04 if look.chance(0.5) else spots[:, 0] + 0.04
             _grips(paint, fit, x + 0.018, np.column_stack([side, z]), upright=True)
+
+
+def _corner_upper(
+    paint: SolidPainter, fit: Fittings, size: tuple[float, float], y: tuple[float, float], *, right: bool
+) -> tuple[float, float]:
+    """A deep cabinet over the end of a blind corner, which meets those around it; what is left of the unit's y."""
+    a, top = size
+    low, high = (y[0], y[0] + UPPER_DEPTH - 0.02) if right else (y[1] - UPPER_DEPTH + 0.02, y[1])
+    paint.box(fit.high[0], (-a, low, UPPER), (a, high, top), 0.96 * fit.high[1], hide="xy" if right else "xY")
+    return (high, y[1]) if right else (y[0], low)
 
 
 def _hood(paint: SolidPainter, look: Look, face: tuple[float, float, float, float]) -> None:

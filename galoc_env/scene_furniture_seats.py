@@ -33,7 +33,7 @@ def sofa(paint: SolidPainter, item: Furniture, look: Look) -> None:
     open_left, open_right = item.detail == "left", item.detail == "right"
     left, right = b - (0.01 if open_left else arm), -b + (0.01 if open_right else arm)
     paint.box(cloth[0], (-a + 0.02, -b + 0.01, low), (a - 0.04, b - 0.01, 0.27), 0.86 * cloth[1], hide="Z")
-    paint.cushion(cloth[0], (-a, right, 0.2), (-a + back, left, item.height - 0.08), soft, 0.96 * cloth[1])
+    paint.cushion(cloth[0], (-a, right, 0.27), (-a + back, left, item.height - 0.08), soft, 0.96 * cloth[1])
     tall = 0.36 if slim else rise
     if not open_right:
         paint.cushion(cloth[0], (-a, -b, low + 0.02), (a - 0.02, -b + arm, tall), soft, cloth[1])
@@ -80,15 +80,17 @@ def chaise(paint: SolidPainter, item: Furniture, look: Look) -> None:
     back, low = look.between(0.16, 0.2), look.between(0.07, 0.14)
     a, b = item.length / 2, item.width / 2
     legs(paint, feet, (a - 0.05, b - 0.05), low, 0.045)
-    paint.box(cloth[0], (-a + 0.02, -b, low), (a - 0.04, b, 0.27), 0.86 * cloth[1], hide="Z")
-    paint.cushion(cloth[0], (-a, -b, 0.2), (-a + back, b, item.height - 0.08), soft, 0.96 * cloth[1])
-    y0, y1 = -b + 0.005, b - 0.005
+    right, left = -b, b
     if item.detail == "left":
-        y0 += arm
-        paint.cushion(cloth[0], (-a, -b, low + 0.02), (0.1 * a, -b + arm, rise), soft, cloth[1])
+        right += arm
+        paint.cushion(cloth[0], (-a, -b, low + 0.02), (0.1 * a, right, rise), soft, cloth[1])
     else:
-        y1 -= arm
-        paint.cushion(cloth[0], (-a, b - arm, low + 0.02), (0.1 * a, b, rise), soft, cloth[1])
+        left -= arm
+        paint.cushion(cloth[0], (-a, left, low + 0.02), (0.1 * a, b, rise), soft, cloth[1])
+    inset = np.array([0.01, 0.0] if item.detail == "left" else [0.0, 0.01])
+    paint.box(cloth[0], (-a + 0.02, inset[0] - b, low), (a - 0.04, b - inset[1], 0.27), 0.86 * cloth[1], hide="Z")
+    paint.cushion(cloth[0], (-a, right, 0.27), (-a + back, left, item.height - 0.08), soft, 0.96 * cloth[1])
+    y0, y1 = right + 0.005, left - 0.005
     paint.cushion(cloth[0], (-a + back, y0, 0.27), (a, y1, 0.45), 0.045, 0.98 * cloth[1])
     leaning = paint.at((-a + back + 0.09, 0, 0.44), tilt=0.22)
     leaning.cushion(cloth[0], (-0.06, y0, 0.0), (0.08, y1, item.height - 0.45), 0.06, 0.94 * cloth[1])
@@ -117,7 +119,7 @@ def _wooden_chair(paint: SolidPainter, item: Furniture, look: Look) -> None:
     a, b, seat = item.length / 2, item.width / 2, 0.46
     legs(paint, made, (a - 0.01, b - 0.01), seat - 0.03, 0.04)
     top = look.cloth() if look.chance(0.5) else made
-    paint.cushion(top[0], (-a + 0.02, -b, seat - 0.03), (a, b, seat + 0.01), 0.015, top[1], both=True)
+    paint.cushion(top[0], (-a + 0.02, 0.004 - b, seat - 0.03), (a, b - 0.004, seat + 0.01), 0.015, top[1], both=True)
     back = paint.at((-a + 0.055, 0, seat), tilt=0.06)
     high = item.height - seat
     back.box(made[0], [(-0.03, -b, -0.03), (-0.03, b - 0.035, -0.03)], [(0, -b + 0.035, high), (0, b, high)], made[1])

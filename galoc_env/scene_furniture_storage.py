@@ -229,7 +229,9 @@ def tv_stand(paint: SolidPainter, item: Furniture, look: Look) -> None:
     paint.box("lacquer", feet, np.array(feet) + (0.18, 0.03, 0.05), BLACK, hide="z")
     panel(paint.at((0, y, top + 0.05)), look, (wide, tall), on=0.3)
     if look.chance(0.5):
-        paint.box("lacquer", (-0.1, y + 0.2, top), (0.1, y + 0.5, top + 0.05), GREY * look.between(0.3, 1.2), hide="z")
+        paint.box(
+            "lacquer", (-0.12, y + 0.2, top), (0.1, y + 0.5, top + 0.046), GREY * look.between(0.3, 1.2), hide="z"
+        )
 
 
 def piano(paint: SolidPainter, item: Furniture, look: Look) -> None:

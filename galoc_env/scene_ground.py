@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,6 +40,8 @@ class Box:
     """m."""
     height: float
     """m."""
+    flat: ClassVar[bool] = False
+    """Rugs alone are: they stop nobody, and nothing."""
 
     def corners(self) -> Array:
         """(4, 2) m, counter-clockwise."""
@@ -70,6 +72,8 @@ class Ground:
         free = self._space.inside & (self._space.clearance >= AGENT_RADIUS)
         self._free = (free, free.copy())
         for box in boxes:
+            if box.flat:
+                continue
             window, distance = self._around(box)
             for cells, radius in zip(self._free, self._radii, strict=True):
                 cells[window] &= distance >= radius
@@ -118,8 +122,14 @@ class Clutter:
     """Boxes on the floor, for asking whether something would hang inside one of them."""
 
     def __init__(self, boxes: Sequence[Box | Furniture]) -> None:
-        rows = [(b.x, b.y, math.cos(b.heading), math.sin(b.heading), b.length, b.width, b.height) for b in boxes]
+        rows = [
+            (b.x, b.y, math.cos(b.heading), math.sin(b.heading), b.length, b.width, b.height)
+            for b in boxes
+            if not b.flat
+        ]
         self._table = np.array(rows, np.float64).reshape(-1, 7)
+        self.boxes = tuple(boxes)
+        """All of them, rugs too."""
 
     def hits(self, points: ArrayLike, low: float, gap: float = 0.03) -> bool:
         """Whether a box reaches higher than ``low`` (m) within ``gap`` (m) of one of the points (N, 2)."""

@@ -27,6 +27,10 @@ AREA_PER_LAMP = 17.0
 """Larger rooms have more than one, m2."""
 HEAD_ROOM = 2.02
 """A lamp hangs no lower than this, m."""
+POWER_PER_AREA, POWER = 0.17, (1.5, 2.9)
+"""Power of a lamp for each m2 that it has to light; least and most."""
+MOST_UP, LOWEST = 0.5, 1.92
+"""Light on the ceiling above a lamp, for which its light may sit lower than its body, but not below this height (m)."""
 SUN_POWER = (2.2, 2.0, 1.6)
 """Light of the sun on a surface that faces it."""
 
@@ -62,7 +66,7 @@ def add_lamps(
     lamps: list[Lamp] = []
     for number, places, area in spaces:
         own = np.random.default_rng(rng.integers(1 << 31))
-        on = own.uniform() > (0.3 if number in bright else 0.04)
+        on = own.uniform() > (0.2 if number in bright else 0.03)
         aside = own.uniform(-0.3, 0.3, 2)  # builders do not measure
         spots = [(x + aside[0], y + aside[1]) for x, y in places][: max(MAX_LAMPS - len(lamps), 0)]
         kind, look = _KINDS[int(own.integers(len(_KINDS)))], int(own.integers(1 << 31))
@@ -70,7 +74,7 @@ def add_lamps(
             kind = _disc if own.uniform() < 0.6 else _row
         warm = own.uniform() ** 1.5
         colour = np.array([1.0, 0.97, 0.93]) * (1 - warm) + np.array([1.12, 0.86, 0.60]) * warm
-        power = own.uniform(0.7, 1.45) * (0.6 + 0.065 * min(area / max(len(spots), 1), 30.0)) * colour
+        power = own.uniform(0.8, 1.25) * min(max(POWER_PER_AREA * area / max(len(spots), 1), POWER[0]), POWER[1])
         for x, y in spots:
             paint = SolidPainter(
                 builder, lighting, x, y, float(own.uniform(0, math.pi)), 1.0, builder.new_instance(FITTING), queue=[]
@@ -79,9 +83,18 @@ def add_lamps(
             height = kind(paint, plan.ceiling_height, glow, colour / colour.max(), np.random.default_rng(look))
             paint.flush()
             if on:
-                red, green, blue = (float(c) for c in power)
-                lamps.append(Lamp(x, y, height, (red, green, blue)))
+                red, green, blue = (float(power * c) for c in colour)
+                lamps.append(Lamp(x, y, _light_height(plan.ceiling_height, height, power), (red, green, blue)))
     return tuple(lamps)
+
+
+def _light_height(ceiling: float, height: float, power: float) -> float:
+    """Height of a lamp's light, m: below its body where the ceiling above it would be burnt white.
+
+    A fifth of its light goes straight up, and is ``MOST_UP`` on the ceiling. Shades that shine cast no shadow.
+    """
+    below = math.sqrt(max(0.2 * power / MOST_UP - 0.09, 0.0))
+    return min(height, max(ceiling - below, LOWEST))
 
 
 def _spots(room: Any) -> list[tuple[float, float]]:

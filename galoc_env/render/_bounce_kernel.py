@@ -1,88 +1,14 @@
-"""Numba kernels for light that comes from all sides: from windows, and back from other surfaces.
+"""Numba kernels for light that comes back from other surfaces.
 
 It changes slowly, so it is found at a few points of every surface.
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import njit
 
-from galoc_env.render._light_ray_kernel import stopped, trace
-from galoc_env.render._sight_kernel import outline, spots_in_sight
-
-FAINT = 0.006
-"""Light below this is not worth a ray."""
-SIDE = 2
-"""Spots along each side of a pane."""
-NEAR = 2.0
-"""A pane is far where the square of its distance is beyond this times its area."""
-
-
-@njit(cache=True)
-def daylight(world, points, facet, odd, order, panes, spots):  # type: ignore[no-untyped-def]
-    """Light of windows.
-
-    Args:
-        world: see :func:`trace`.
-        points: (M, 3) m.
-        facet: (M,) that each lies on; -1 for a point that does not matter.
-        odd: (M,) 0 or 1, which neighbours have differently.
-        order: (M,) in which points of one facet follow each other.
-        panes: (P, 8) plane, area of a spot and power.
-        spots: (P, K, 3) m, where the light of each pane starts.
-
-    Returns:
-        (M, 3).
-    """
-    out, corners = np.zeros((points.shape[0], 3)), np.empty((16, 3))
-    memory = np.full(panes.shape[0] * spots.shape[1], -1)
-    some = np.empty(memory.shape[0], np.int64)
-    last, found = -1, 0
-    on = np.zeros(world[0].shape[0], np.int64)
-    for f in facet:
-        on[max(0, f)] += 1
-    for m in order:
-        f = facet[m]
-        if f < 0:
-            continue
-        if f != last:
-            count = outline(world, f, corners)
-            found, last = spots_in_sight(world, f, corners, count, panes, spots, memory, some, on[f] > 3), f
-        if found:
-            _panes(world, points[m], world[0][f, :3], panes, spots, some[:found], odd[m], memory, out[m])
-    return out
-
-
-@njit(cache=True)
-def _panes(world, p, n, panes, spots, which, odd, memory, out):  # type: ignore[no-untyped-def]
-    """Add the light of some spots of window panes; spot k of pane i has the number i K + k.
-
-    From afar every second spot will do: ``odd`` says which; neighbours use the others.
-    """
-    per = spots.shape[1]
-    for j in which:
-        i, k = j // per, j % per
-        above = panes[i, 0] * p[0] + panes[i, 1] * p[1] + panes[i, 2] * p[2] - panes[i, 3]
-        dx, dy, dz = spots[i, k, 0] - p[0], spots[i, k, 1] - p[1], spots[i, k, 2] - p[2]
-        d2 = dx * dx + dy * dy + dz * dz
-        towards = n[0] * dx + n[1] * dy + n[2] * dz
-        if above <= 1e-4 or towards <= 0.0:
-            continue
-        # A disc of this area, seen from its axis; right from near and far.
-        area = panes[i, 4]
-        share = towards * above / d2 * area / (math.pi * d2 + area)
-        if d2 > NEAR * area * per:
-            if (k + k // SIDE) % 2 != odd:
-                continue
-            share *= 2.0
-        if share * max(panes[i, 5], panes[i, 6], panes[i, 7]) * per < FAINT:
-            continue
-        if not stopped(world, p[0], p[1], p[2], dx, dy, dz, memory, j):
-            for c in range(3):
-                out[c] += share * panes[i, 5 + c]
+from galoc_env.render._light_ray_kernel import trace
 
 
 @njit(cache=True)
@@ -133,7 +59,7 @@ def look_round(world, points, facet, fan, directions, few, step, size, first, li
     return hits, openness
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _texel(s, step, size, first, p, dx, dy, dz, t):  # type: ignore[no-untyped-def]
     """Nearest texel to the point p + t d of a facet."""
     x, y, z = p[0] + t * dx, p[1] + t * dy, p[2] + t * dz

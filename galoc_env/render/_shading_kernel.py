@@ -44,7 +44,7 @@ AREA, GRAZING, LAST_COLUMN, LAST_ROW = 16, 17, 18, 19
 COEFFICIENTS = 20
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def prepare(view, slot, table, index, work):  # type: ignore[no-untyped-def]
     """Fill in the coefficients of the facet in a slot."""
     planes, facet, c = work[3], work[4][slot], work[10]
@@ -156,7 +156,7 @@ def light_lanes(start, end, share, shift):  # type: ignore[no-untyped-def]
     return whole(spread(a) + spread((b - a) * share) * ramp())
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def finish(to, count, facet, index, work, rgb, depth, instance, semantic):  # type: ignore[no-untyped-def]
     """Copy the last pixels of a picture from where ``shade`` has put them."""
     for i in range(count):
@@ -170,7 +170,7 @@ def finish(to, count, facet, index, work, rgb, depth, instance, semantic):  # ty
             semantic[to + i] = index[facet, 7]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def blank(to, count, rgb, depth, instance, semantic):  # type: ignore[no-untyped-def]
     """Pixels that see nothing."""
     for i in range(to, to + count):

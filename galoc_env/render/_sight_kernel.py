@@ -15,7 +15,7 @@ NARROW = 0.3
 """Two walls that face each other this closely enclose what nobody sees, m."""
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _look_out(world, wall, f):  # type: ignore[no-untyped-def]
     """Whether a facet is hidden, see :func:`survey`, and how far off it light is to be measured, m."""
     s = world[0]
@@ -52,7 +52,7 @@ def survey(world, lit, wall):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def outline(world, f, out):  # type: ignore[no-untyped-def]
     """Points (K, 3) into ``out`` between which all texels of a facet lie; gives K."""
     s, edge_first, edges = world[0][f], world[1], world[2]
@@ -69,7 +69,7 @@ def outline(world, f, out):  # type: ignore[no-untyped-def]
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _covers(world, g, points, count, spots):  # type: ignore[no-untyped-def]
     """Whether facet g hides all spots (S, 3) from all points: then it does so from all between them, being convex."""
     if g < 0:
@@ -83,7 +83,7 @@ def _covers(world, g, points, count, spots):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _out_of_sight(world, points, count, spots, memory, slot):  # type: ignore[no-untyped-def]
     """Whether one facet hides all spots from all points; ``memory`` says what is tried first."""
     if _covers(world, memory[slot], points, count, spots):
@@ -119,7 +119,7 @@ def lamps_in_sight(world, f, points, count, lamps, memory, some, look):  # type:
 
 @njit(cache=True)
 def spots_in_sight(world, f, points, count, panes, spots, memory, some, look):  # type: ignore[no-untyped-def]
-    """As :func:`lamps_in_sight` for the spots (P, K, 3) of panes (P, 8); spot k of pane i has the number i K + k."""
+    """As :func:`lamps_in_sight` for the spots (P, K, 3) of panes (P, 11); spot k of pane i has the number i K + k."""
     n, found, per = world[0][f], 0, spots.shape[1]
     for i in range(panes.shape[0]):
         above = -1.0

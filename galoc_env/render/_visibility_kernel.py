@@ -37,7 +37,7 @@ MOST = 40
 FAR_AWAY = f4(1e30)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def clear(width, height, stride, inverse, slots):  # type: ignore[no-untyped-def]
     """Empty the buffers; the padding of each row counts as filled, so that it keeps no tile from hiding things."""
     zero, none, full = spread(f4(0.0)), spread_int(i4(-1)), spread(FAR_AWAY)
@@ -50,7 +50,7 @@ def clear(width, height, stride, inverse, slots):  # type: ignore[no-untyped-def
             store(slots, y * stride + x, none)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def frustum(view, width, height, planes):  # type: ignore[no-untyped-def]
     """The five planes n . p + d >= 0 that bound what the camera sees, one pixel wider, in the facets' frame."""
     fx, fy, cx, cy = view[12], view[13], view[14], view[15]
@@ -69,7 +69,7 @@ def frustum(view, width, height, planes):  # type: ignore[no-untyped-def]
     planes[4, 3] -= NEAR
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def nearest_first(view, planes, boxes, first, last, order, distance):  # type: ignore[no-untyped-def]
     """Clusters that reach into the frustum, by their distance; returns how many."""
     count = 0
@@ -98,7 +98,7 @@ def nearest_first(view, planes, boxes, first, last, order, distance):  # type: i
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def coarse(height, stride, inverse, tiles):  # type: ignore[no-untyped-def]
     """Least inverse depth of each tile: what lies farther is hidden there."""
     columns = stride // LANES
@@ -127,7 +127,7 @@ def covered_by(left, right, top, bottom, nearest, width, height, stride, tiles):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def hidden(view, boxes, c, width, height, stride, tiles):  # type: ignore[no-untyped-def]
     """Whether what was drawn so far hides all of a cluster's box."""
     fx, fy, cx, cy = view[12], view[13], view[14], view[15]
@@ -145,7 +145,7 @@ def hidden(view, boxes, c, width, height, stride, tiles):  # type: ignore[no-unt
     return covered_by(left, right, top, bottom, nearest, width, height, stride, tiles)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def project(view, vertices, first, last, corners):  # type: ignore[no-untyped-def]
     """Vertices in the camera's frame, x and y times the focal lengths, and in pixels: five rows of ``corners``."""
     fx, fy = view[12], view[13]
@@ -165,7 +165,7 @@ def project(view, vertices, first, last, corners):  # type: ignore[no-untyped-de
         store(corners[4], at, y * inverse + cy)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def clip(view, corners, first, count, outline):  # type: ignore[no-untyped-def]
     """Cut a facet at the near plane; its outline in pixels, and the number of its corners."""
     kept = 0
@@ -308,11 +308,10 @@ def visible(view, width, height, stride, home, scene, work):  # type: ignore[no-
             for j in range(1, count):
                 west, east = min(west, outline[j, 0]), max(east, outline[j, 0])
                 north, south = min(north, outline[j, 1]), max(south, outline[j, 1])
-            if east < -OVERLAP or west > width - 1 + OVERLAP or count < 3:
-                continue
+            # Many a facet lies beside the image, or between the centres of pixels.
             first = int(math.ceil(max(north - OVERLAP, 0.0)))
             last = int(math.floor(min(south + OVERLAP, height - 1.0)))
-            if first > last:
+            if first > last or max(west - OVERLAP, 0.0) > math.floor(min(east + OVERLAP, width - 1.0)) or count < 3:
                 continue
             if mapped and inside == count:
                 if covered_by(west, east, north, south, nearest, width, height, stride, tiles):

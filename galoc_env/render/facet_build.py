@@ -77,11 +77,13 @@ def gather(scene: Scene) -> tuple[Triangles, Array]:
     points = _joined([np.asarray(m.mesh.vertices, np.float64)[m.mesh.faces] for m in meshes], (3, 3))
     uv = _joined([_uv(m.mesh)[m.mesh.faces] for m in meshes], (3, 2))
     for what, values in (("corner", points), ("texture coordinate", uv)):
-        bad = ~np.isfinite(values).all(axis=(1, 2))
-        if bad.any():
+        finite = np.isfinite(values)
+        if not finite.all():
+            bad = ~finite.all(axis=(1, 2))
             raise GalocError(f"{what} of a face = {values[bad][0].tolist()}", "finite numbers", "Mend the mesh.")
     # A whole number of metres: what lies at a round height stays at one.
-    origin = np.rint((points.min(axis=(0, 1)) + points.max(axis=(0, 1))) / 2) if len(points) else np.zeros(3)
+    ends = [(points[..., k].min(), points[..., k].max()) for k in range(3)] if len(points) else [(0.0, 0.0)] * 3
+    origin = np.array([np.rint((low + high) / 2) for low, high in ends])
     points = points - origin
     normal = cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
     double = np.sqrt(dot(normal, normal))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from galoc_env.render.facet_build import PAD, Triangles, dot, gather, polygons
-from galoc_env.render.facet_layout import boxes, clusters, light_rectangles, padded
+from galoc_env.render.facet_layout import boxes, clusters, extent, light_rectangles, padded
 
 if TYPE_CHECKING:
     from galoc_env.scene import Scene
@@ -96,7 +96,8 @@ def _facets(
 ) -> Facets:
     """Facets of ordered polygons (N, PAD, 3) with ``count`` corners, each like its triangle ``chosen``."""
     normal = t.normal[chosen]
-    middle = (shape.min(axis=1) + shape.max(axis=1)) / 2
+    low, high = extent(shape, 1)
+    middle = (low + high) / 2
     offset = dot(normal, shape[:, 0])  # a corner: the middle of a box need not lie in the plane
     texture = t.texture[chosen]
     texture[:, :, 3] -= np.floor(dot(texture[:, :, :3], middle[:, None]) + texture[:, :, 3])

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from galoc.cache import DiskCache, content_key
-from galoc_env.render._bounce_kernel import SIDE, collect, daylight, look_round
+from galoc_env.render._bounce_kernel import collect, look_round
 from galoc_env.render._light_filter_kernel import fill
 from galoc_env.render._light_kernel import direct
+from galoc_env.render._light_pane_kernel import SIDE, daylight
 from galoc_env.render._sight_kernel import survey
 from galoc_env.render._surface_kernel import smooth, spread
 from galoc_env.render.facet_build import dot
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-VERSION = 1
+VERSION = 2
 """Part of every key; counted up when the same scene gets other light."""
 
 DAYLIGHT = (3.2, 3.5, 3.9)
@@ -37,7 +38,7 @@ DAYLIGHT = (3.2, 3.5, 3.9)
 AMBIENT = 0.03
 """Light everywhere, so that a room with neither lamp nor window is not black."""
 RAYS = 16
-"""Rays from each point that look for the light that other surfaces send back, half as many for small surfaces ..."""
+"""Rays from each point that look for the light that other surfaces send back, half as many for small or narrow surfaces ..."""
 BOUNCES = 3
 """... along which light goes this often."""
 GLOW = 0.3
@@ -121,12 +122,15 @@ def bake(facets: Facets, lamps: Sequence[Lamp], sun: Sun | None, albedo: ArrayLi
 def _with_bounces(facets: Facets, world: World, light: Array, lit: NDArray[np.bool_], sent: Array) -> Array:
     """Light of lamps and sun (T, 3), that of windows, and that which comes back from other surfaces."""
     at = make_surfaces(facets, world, lit)
-    panes, spots = _panes(facets, np.flatnonzero((facets.semantic == OUTSIDE) & (facets.glow > 0)))
+    which = np.flatnonzero((facets.semantic == OUTSIDE) & (facets.glow > 0))
+    panes, spots = _panes(facets, which)
+    fans, order = _directions(RAYS), np.argsort(at.facet, kind="stable")
     hits, openness = look_round(
-        world.rays, at.points, at.facet, at.fan, _directions(RAYS), at.alone, world.step, world.size, world.first, lit
+        world.rays, at.points, at.facet, at.fan, fans, at.few, world.step, world.size, world.first, lit
     )
-    order = np.argsort(at.facet, kind="stable")
-    soft = daylight(world.rays, at.points, at.facet, at.odd, order, panes, spots) + AMBIENT * openness[:, None]
+    soft = daylight(
+        world.rays, at.points, at.facet, at.odd, order, panes, which, spots, fans, at.fan, at.few, hits
+    ) + AMBIENT * openness[:, None]  # fmt: skip
     bad = (at.facet < 0) | (2 * (hits == -2).sum(axis=1) > hits.shape[1])
     shine = GLOW * facets.glow[:, None] * sent * (facets.semantic != OUTSIDE)[:, None]
     facet_of = np.repeat(np.arange(len(lit), dtype=np.int32), np.diff(world.first))
@@ -158,8 +162,8 @@ def _sun(sun: Sun | None) -> Array:
 
 
 def _panes(facets: Facets, which: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Window panes (P, 8) and the points (P, K, 3) from which they shine, for :func:`direct`."""
-    table, spots = np.zeros((len(which), 8)), np.zeros((len(which), SIDE * SIDE, 3))
+    """Window panes (P, 11) and the points (P, K, 3) from which they shine, for :func:`daylight`."""
+    table, spots = np.zeros((len(which), 11)), np.zeros((len(which), SIDE * SIDE, 3))
     share = (np.arange(SIDE) + 0.5) / SIDE
     for row, f in enumerate(which):
         corners = facets.vertices[facets.first[f] : facets.first[f + 1]].astype(np.float64)
@@ -176,7 +180,7 @@ def _panes(facets: Facets, which: NDArray[np.intp]) -> tuple[Array, Array]:
         # A millimetre in front, so that its own face and its twin's do not hide it.
         spots[row] = (a[None, :, None] * right + b[:, None, None] * up + (n[3] + 1e-3) * n[:3]).reshape(-1, 3)
         power = np.array(DAYLIGHT) * float(facets.glow[f])
-        table[row] = [*n, area / (SIDE * SIDE), *power]
+        table[row] = [*n, area / (SIDE * SIDE), *power, *spots[row].mean(axis=0)]
     return table, spots
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from galoc_env.render._surface_kernel import join, link, settle, weigh
 from galoc_env.render.facet_build import dot
-from galoc_env.render.facet_layout import BIG, SMALL, padded
+from galoc_env.render.facet_layout import BIG, SMALL, extent, padded
 from galoc_env.render.facets import Facets
 from galoc_env.render.light_world import World
 
@@ -39,8 +39,8 @@ class Surfaces:
     """(M,) 0 to 8, different for all neighbours."""
     odd: NDArray[np.int64]
     """(M,) 0 and 1 as on a chessboard."""
-    alone: NDArray[np.bool_]
-    """(M,) whether it is its surface's only point."""
+    few: NDArray[np.bool_]
+    """(M,) whether its surface has but one row of points: it is small or narrow, and half the rays will do."""
     links: NDArray[np.bool_]
     """(M, 2) whether each point and the next in its row, and in its column, see each other."""
     index: NDArray[np.int32]
@@ -70,8 +70,8 @@ def make_surfaces(facets: Facets, world: World, lit: NDArray[np.bool_]) -> Surfa
     index, weight = weigh(
         world.rays, points, facet, links, frames, size, first, surface, world.step, world.size, world.first, lit
     )
-    fan, odd, alone = column % 3 * 3 + row % 3, (column + row) % 2, np.repeat(np.diff(first) == 1, np.diff(first))
-    return Surfaces(size, first, points, facet, fan, odd, alone, links, index, weight)
+    fan, odd, few = column % 3 * 3 + row % 3, (column + row) % 2, np.repeat((size == 1).any(axis=1), np.diff(first))
+    return Surfaces(size, first, points, facet, fan, odd, few, links, index, weight)
 
 
 def _lattices(
@@ -89,8 +89,9 @@ def _lattices(
     shape = padded(facets.vertices.astype(np.float64), facets.first.astype(np.int64))[members]
     own = axes[surface[members]]
     place = np.stack([dot(shape, own[:, None, k]) for k in range(2)], axis=1)
-    low = np.minimum.reduceat(place.min(axis=2), starts, axis=0)
-    span = np.maximum.reduceat(place.max(axis=2), starts, axis=0) - low
+    low, high = extent(place, 2)
+    low = np.minimum.reduceat(low, starts, axis=0)
+    span = np.maximum.reduceat(high, starts, axis=0) - low
     floor = (facets.plane[largest, 2] > 0.9) & (span.max(axis=1) > BIG)
     spacing = np.where(floor, FINE, SPACING)[:, None]
     size = np.clip(np.rint(span / spacing) + 1, 2, MOST_POINTS).astype(np.int32)

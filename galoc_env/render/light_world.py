@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from galoc_env.render._light_ray_kernel import fill_grid
 from galoc_env.render.facet_build import dot
-from galoc_env.render.facet_layout import padded
+from galoc_env.render.facet_layout import extent, padded
 from galoc_env.render.facets import Facets
 from galoc_env.scene_mesh import OUTSIDE
 
@@ -51,7 +51,7 @@ def make_world(facets: Facets) -> World:
     sheets[:, 14] = rectangle
     # Lamps shine through their own shades; windows are as tight as walls.
     sheets[:, 15] = (facets.glow == 0) | (facets.semantic == OUTSIDE)
-    boxes = np.stack([shape.min(axis=1), shape.max(axis=1)], axis=1)
+    boxes = np.stack(extent(shape, 1), axis=1)
     low, high = boxes[:, 0].min(axis=0) - 0.1, boxes[:, 1].max(axis=0) + 0.1
     span = high - low
     cell = max(CELL, float(np.cbrt(span[0] * span[1] * span[2] / MOST_CELLS)))

@@ -22,6 +22,7 @@ from galoc_env.scene_lamps import HEAD_ROOM
 from galoc_env.scene_mesh import DOOR, FITTING, OUTSIDE, SEMANTIC_NAMES, WALL
 from galoc_env.scene_rooms import find_rooms
 from galoc_env.scene_styles import USES
+from galoc_env.scene_windows import GLOW
 
 SEEDS = range(8)
 
@@ -253,9 +254,14 @@ def test_half_the_days_are_sunny():
 
 
 def test_windows_shine(homes):
+    exposure = []
     for _, scene in homes:
         glow = np.concatenate([m.glow[m.semantic == OUTSIDE] for m in scene.meshes])
-        assert glow.min() >= 1.0 and glow.max() <= 1.6 and np.ptp(glow) == 0.0
+        assert glow.min() >= GLOW[0] - 1e-6 and glow.max() <= GLOW[1] + 1e-6 and np.ptp(glow) == 0.0
+        seen = glow * np.concatenate([m.tint[m.semantic == OUTSIDE][:, 0] for m in scene.meshes])
+        exposure.append(seen[0])
+        assert np.ptp(seen) < 1e-5  # one day outside all windows
+    assert 0.9 < min(exposure) and max(exposure) < 2.7
 
 
 def test_rooms_have_uses(homes):

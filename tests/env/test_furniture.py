@@ -2,6 +2,7 @@
 
 import math
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,22 @@ from galoc import Floorplan, GalocError
 from galoc.floorplan import Opening
 from galoc_env.furniture import AGENT_RADIUS, DOOR_CLEARANCE, KINDS, MAX_ITEMS, Furniture, furnish
 from galoc_env.furniture_kinds import KINDS_BY_NAME
+from galoc_env.furniture_space import random_size
 from galoc_env.homes import generate
+from galoc_env.scene import build_scene
+from galoc_env.scene_furniture import DRAW
+from galoc_env.scene_furniture_palette import Look, draw_stock
+from galoc_env.scene_light import Lighting
+from galoc_env.scene_mesh import FURNITURE, MeshBuilder, SceneMesh
+from galoc_env.scene_solids import SolidPainter
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """As much of a scene as has faces."""
+
+    meshes: tuple[SceneMesh, ...]
+
 
 PLANS = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "plans"
 
@@ -195,3 +211,70 @@ def test_pieces_that_belong_together_stand_together(homes):
                 assert min(t.distance(np.array([item.x, item.y])) for t in seats) < 0.5
                 tables += 1
     assert tables > 10 and pairs > 4
+
+
+def overlaps(scene):
+    """(instance, area m2) of faces of one instance that lie in one plane, look different and cover each other."""
+    meshes = scene.meshes
+    count = [len(m.mesh.faces) for m in meshes]
+    look = np.column_stack([
+        np.repeat(np.arange(len(meshes)), count), np.concatenate([np.column_stack([m.tint, m.glow]) for m in meshes])
+    ])  # fmt: skip
+    corners, instance = np.concatenate([m.mesh.triangles for m in meshes]), np.concatenate([m.instance for m in meshes])
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(normal, axis=1)
+    large = size > 2e-4  # a smaller one covers no 1 cm2
+    look, corners, instance, normal = look[large], corners[large], instance[large], normal[large] / size[large, None]
+    offset = (normal * corners[:, 0]).sum(axis=1)
+    low, high = corners.min(axis=1) - 1e-4, corners.max(axis=1) + 1e-4
+    found = []
+    for number in np.unique(instance):
+        mine = np.flatnonzero(instance == number)
+        i, j = np.nonzero(np.abs(offset[mine, None] - offset[mine]) < 3e-4)
+        i, j = mine[i[i < j]], mine[j[i < j]]
+        for axis in range(3):
+            near = (low[i, axis] < high[j, axis]) & (low[j, axis] < high[i, axis])
+            i, j = i[near], j[near]
+        near = ((normal[i] * normal[j]).sum(axis=1) > 0.99999) & (
+            np.abs(look[i] - look[j]).max(axis=1, initial=0) > 1e-5
+        )
+        for a, b in zip(i[near], j[near], strict=True):
+            u = corners[a, 1] - corners[a, 0]
+            frame = np.stack([u / np.linalg.norm(u), np.cross(normal[a], u / np.linalg.norm(u))], axis=1)
+            first, second = (shapely.Polygon((corners[k] - corners[a, 0]) @ frame) for k in (a, b))
+            area = first.intersection(second).area
+            if area > 1e-4:
+                found.append((int(number), area))
+    return found
+
+
+def test_no_two_faces_of_a_piece_fight_for_a_place():
+    """Every kind in many looks, and whole homes: where two faces lie in one plane, at most 1 cm2 shows either."""
+    builder = MeshBuilder()
+    rng, drawn = np.random.default_rng(0), [""]
+    stock = draw_stock(rng)
+    details = {"kitchen": ("NDHD", "RDSN"), "counter": ("DSWR", "HN"), "sofa": ("left", "right"),
+               "chaise": ("left", "right")}  # fmt: skip
+    for kind in KINDS:
+        for k in range(24):
+            size = random_size(kind, rng, 2.6)
+            detail = details.get(kind, ("",))[k % 2 if kind in details else 0]
+            width = 0.6 * len(detail) if kind in ("kitchen", "counter") else size[1]
+            item = Furniture(kind, 0.0, 0.0, 0.0, size[0], width, size[2], detail=detail)
+            paint = SolidPainter(builder, Lighting(0.0), 0.0, 0.0, 0.0, 1.0, builder.new_instance(FURNITURE), [])
+            DRAW[kind](paint, item, Look(np.random.default_rng([k, 5]), stock=stock))
+            paint.flush()
+            drawn.append(f"{kind} {k}")
+    assert [(drawn[number], area) for number, area in overlaps(Drawn(builder.finish(0)))] == []
+    for seed in range(3):
+        scene = build_scene(generate(seed), furniture=0.8, seed=seed, shut_doors=0.3)
+        assert [(int(scene.instance_semantic[number]), area) for number, area in overlaps(scene)] == []
+
+
+def test_faces_that_fight_are_found():
+    builder = MeshBuilder()
+    number = builder.new_instance(FURNITURE)
+    for tint, shift in ((1.0, 0.0), (0.5, 0.98), (0.5, 3.0)):
+        builder.add_quad("plaster", (shift, 0, 0), (1, 0, 0), (0, 0, 1), 1.0, number, tint=tint)
+    # 2 cm x 1 m, in the triangles of both; the third quad lies apart.
+    assert sum(area for _, area in overlaps(Drawn(builder.finish(0)))) == pytest.approx(0.02, abs=1e-6)

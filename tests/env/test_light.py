@@ -11,13 +11,14 @@ from galoc import Floorplan
 from galoc_env.homes import generate
 from galoc_env.render import light as light_module
 from galoc_env.render._light_kernel import CLOSE
+from galoc_env.render._light_pane_kernel import seen_share
 from galoc_env.render._light_ray_kernel import trace
 from galoc_env.render.facets import Facets, build_facets
 from galoc_env.render.light import AMBIENT, DAYLIGHT, bake, linear, lit
 from galoc_env.render.light_world import make_world
 from galoc_env.scene import Scene, build_scene
 from galoc_env.scene_light import Lamp, Sun
-from galoc_env.scene_mesh import CEILING, FLOOR, FURNITURE, OUTSIDE, WALL, MeshBuilder
+from galoc_env.scene_mesh import CEILING, FLOOR, FURNITURE, OUTSIDE, WALL, WINDOW, MeshBuilder
 
 WHITE = (1.0, 1.0, 1.0)
 HEIGHT = 2.5
@@ -216,6 +217,52 @@ def test_a_window_by_the_formula() -> None:
     x = texels(facets, parts["floor"])[0][:, 0]
     assert near[(x > 0.5) & (x < 1.5)].mean() > 2 * near[x > 4].mean()
     assert (got[texels(facets, pane)[1]] == 0).all()  # what shines is not lit
+
+
+def cosine_rays(n: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(count, 3) directions about n, as many as the light of each counts."""
+    rays = rng.normal(size=(count, 3))
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True) + n
+    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+
+
+def test_the_share_of_a_pane_by_rays(rng: np.random.Generator) -> None:
+    """Places at random, from a centimetre before the pane on, turned at random: as many rays meet it as it says."""
+    room, _, pane = window_room()
+    facets = room.facets()
+    g = int(np.flatnonzero(facets.instance == pane)[0])
+    world = make_world(facets).rays
+    seen = 0
+    for distance in (0.01, 0.03, 0.1, 0.3, 1.0, 3.0):
+        for _ in range(4):
+            p = np.array([distance, *rng.uniform((1.3, 0.8), (2.7, 2.2))]) - facets.origin
+            n = rng.normal(size=3)
+            n /= np.linalg.norm(n)
+            rays = cosine_rays(n, 20_000, rng)
+            with np.errstate(divide="ignore", over="ignore"):
+                t = -distance / rays[:, 0]
+            hit = p + facets.origin + t[:, None] * rays
+            inside = (t > 0) & (np.abs(hit[:, 1] - 2.0) < 0.6) & (np.abs(hit[:, 2] - 1.5) < 0.6)
+            got = seen_share(world, g, p, n)
+            assert got == pytest.approx(inside.mean(), abs=0.015)  # four times the scatter of 20 000 rays
+            seen += got > 0.05
+    assert seen > 8
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.03])
+def test_bars_of_a_window_are_lit_from_their_sides(gap: float) -> None:
+    """A strip 3 cm wide at right angles to a pane sees 30 cm of it, or as much as lies before the next strip."""
+    room, _, _ = window_room()
+    bar = room.sheet((0.001, 1.7, 0.9), (0.03, 0, 0), (0, 0, 1.2), WINDOW)
+    if gap:
+        room.sheet((0.001, 1.7 - gap, 0.9), (0, 0, 1.2), (0.03, 0, 0), WINDOW)
+    facets = room.facets()
+    np.testing.assert_allclose(turned(facets, bar), (0, -1, 0), atol=1e-6)
+    got = bake(facets, [], None, 0.0)[texels(facets, bar)[1]][:, 0].mean() / DAYLIGHT[0]
+    wide, high = gap or 0.3, 0.016
+    expected = (1 - high / math.hypot(high, wide)) / 2  # of a pane without end
+    # At the ends it is half of that, and they count for much in a lattice of three points.
+    assert 0.65 * expected < got < 1.1 * expected
 
 
 def test_light_comes_back_in_the_colour_of_walls() -> None:

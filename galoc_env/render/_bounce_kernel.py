@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from galoc_env.render._light_ray_kernel import trace
+from galoc_env.render._light_ray_kernel import LEAN, trace
 
 
 @njit(cache=True)
@@ -59,7 +59,7 @@ def look_round(world, points, facet, fan, directions, few, step, size, first, li
     return hits, openness
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def _texel(s, step, size, first, p, dx, dy, dz, t):  # type: ignore[no-untyped-def]
     """Nearest texel to the point p + t d of a facet."""
     x, y, z = p[0] + t * dx, p[1] + t * dy, p[2] + t * dz

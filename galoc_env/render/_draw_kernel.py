@@ -39,17 +39,17 @@ def picture(  # type: ignore[no-untyped-def]
     home,
     scene,
     work,
-    smoothly,
+    plain,
     rgb,
     depth,
     instance,
     semantic,
 ):
-    """One picture, its edges smoothed or not."""
+    """One picture; ``plain`` is None for smooth edges and textures. The kernels are compiled for both."""
     used = visible(view, width, height, stride, home, scene, work)
     work[11][:used] = False
-    shade(view, width, height, stride, finest, scene, work, rgb, depth, instance, semantic)
-    if smoothly:
+    shade(view, width, height, stride, finest, plain, scene, work, rgb, depth, instance, semantic)
+    if plain is None:
         smooth(width, height, stride, work, rgb)
 
 
@@ -92,27 +92,22 @@ def draw(first, last, lanes, camera, size, homes, scene, work, outputs):  # type
         home = which[lane]
         look(poses[lane], heights[lane], gravities[lane], homes[1][home], camera, view)
         clusters = homes[0][home]
-        if quality < 2 or with_ids:
-            picture(
-                view, width, height, stride, finest, clusters, scene, work, quality == 1,
-                rgb[lane], depth[lane], instance[lane], semantic[lane],
-            )  # fmt: skip
+        maps = depth[lane], instance[lane], semantic[lane]
+        if quality == 1:
+            picture(view, width, height, stride, finest, clusters, scene, work, None, rgb[lane], *maps)
+        elif quality == 0 or with_ids:
+            picture(view, width, height, stride, finest, clusters, scene, work, True, rgb[lane], *maps)
         if quality == 2:
             for k in range(4):  # pixel i becomes the pixels 2 i and 2 i + 1
                 view[12 + k] = 2.0 * camera[k] + (0.5 if k > 1 else 0.0)
-            fine, wide, floor = work[15], -(-2 * width // 16) * 16, -homes[1][home, 2]
+            w, h, wide, floor = 2 * width, 2 * height, -(-2 * width // 16) * 16, -homes[1][home, 2]
+            maps = depth[lane, :0], instance[lane, :0], semantic[lane, :0]
             glossy = homes[2][home] and view[11] > floor + 0.05
             if glossy:
                 mirror(view, floor, below)
-                picture(
-                    below, 2 * width, 2 * height, wide, finest, clusters, scene, work, False,
-                    work[18], depth[lane, :0], instance[lane, :0], semantic[lane, :0],
-                )  # fmt: skip
-            picture(
-                view, 2 * width, 2 * height, wide, finest, clusters, scene, work, True,
-                fine, depth[lane, :0], instance[lane, :0], semantic[lane, :0],
-            )  # fmt: skip
+                picture(below, w, h, wide, finest, clusters, scene, work, True, work[18], *maps)
+            picture(view, w, h, wide, finest, clusters, scene, work, None, work[15], *maps)
             if glossy:
                 work[17][0] = view[11] - floor
-                reflect(view, 2 * width, 2 * height, wide, scene[2], work, work[18], fine)
-            halve(width, height, fine, rgb[lane])
+                reflect(view, w, h, wide, scene[2], work, work[18], work[15])
+            halve(width, height, work[15], rgb[lane])

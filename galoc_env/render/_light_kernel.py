@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from galoc_env.render._light_ray_kernel import place, stopped, trace
+from galoc_env.render._light_ray_kernel import LEAN, place, stopped, trace
 from galoc_env.render._sight_kernel import lamps_in_sight, outline
 
 FAINT = 0.006
@@ -20,7 +20,7 @@ CLOSE = 0.3
 """Nearer than about this a lamp is no point, and its light grows no more, m."""
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def _seen(world, p, lamp, memory, slot):  # type: ignore[no-untyped-def]
     """How many of four points of a lamp are seen from p."""
     dx, dy, dz = lamp[0] - p[0], lamp[1] - p[1], lamp[2] - p[2]
@@ -44,7 +44,7 @@ def _seen(world, p, lamp, memory, slot):  # type: ignore[no-untyped-def]
     return seen
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def _strength(n, p, lamp):  # type: ignore[no-untyped-def]
     """Light of a lamp at p on a surface with normal n, as a factor on its power."""
     dx, dy, dz = lamp[0] - p[0], lamp[1] - p[1], lamp[2] - p[2]
@@ -54,7 +54,7 @@ def _strength(n, p, lamp):  # type: ignore[no-untyped-def]
     return shade * (n[0] * dx + n[1] * dy + n[2] * dz) / d / (d2 + CLOSE * CLOSE)
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def _between(seen, wide, high, c, r):  # type: ignore[no-untyped-def]
     """What the texels around (c, r) whose column and row are even, or the last, agree on; -1 if they do not."""
     c0, c1 = (c, c) if c % 2 == 0 or c == wide - 1 else (c - 1, c + 1)
@@ -66,7 +66,7 @@ def _between(seen, wide, high, c, r):  # type: ignore[no-untyped-def]
     return first if same else -1
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def _tiny(step, size):  # type: ignore[no-untyped-def]
     return max(step[0] * (size[0] - 1), step[1] * (size[1] - 1)) < TINY
 
@@ -100,14 +100,14 @@ def _add_lamp(world, f, step, size, lamp, memory, slot, out):  # type: ignore[no
     return dark
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def _sunlit(world, outside, p, sun):  # type: ignore[no-untyped-def]
     """Whether the first thing towards the sun is the outdoors."""
     f, _ = trace(world, p[0], p[1], p[2], sun[0], sun[1], sun[2], 1e3, False)
     return f >= 0 and outside[f]
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def _buried(world, p, n):  # type: ignore[no-untyped-def]
     """Whether a point lies inside a body: what is above it turns its back."""
     f, _ = trace(world, p[0], p[1], p[2], n[0], n[1], n[2], 1e3, False)
@@ -140,7 +140,7 @@ def direct(world, step, size, first, lit, outside, lamps, sun):  # type: ignore[
             continue
         n = world[0][f, :3]
         count = outline(world, f, points)
-        found = lamps_in_sight(world, f, points, count, lamps, memory, some, not _tiny(step[f], size[f]))
+        found = lamps_in_sight(world, f, points, count, lamps, memory, some, not _tiny(step[f], size[f]), FAINT)
         here, dark = out[first[f] : first[f + 1]], 0
         for i in some[:found]:
             dark += _add_lamp(world, f, step[f], size[f], lamps[i], memory, 4 * i, here)

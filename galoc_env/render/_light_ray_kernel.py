@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
 
+LEAN: dict[str, Any] = {"cache": True, "_nrt": False}
+"""Options of kernels that make no arrays. Numba then does not count the references to those that they are given: each
+count is an atomic step, and all of them together took as long as the rays."""
 TINY = 1e-9
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def _overlaps(box, sheet, cell_low, cell):  # type: ignore[no-untyped-def]
     """Whether a facet's plane passes a cell."""
     middle, reach = 0.0, 1e-6
@@ -89,7 +93,7 @@ def crossing(sheets, edge_first, edges, f, ox, oy, oz, dx, dy, dz, most):  # typ
     return t
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def trace(world, ox, oy, oz, dx, dy, dz, most, any_hit):  # type: ignore[no-untyped-def]
     """First facet on the ray o + t d with t in (0, most), whichever side it turns to the ray.
 
@@ -153,7 +157,7 @@ def trace(world, ox, oy, oz, dx, dy, dz, most, any_hit):  # type: ignore[no-unty
     return found, best
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def stopped(world, ox, oy, oz, dx, dy, dz, memory, slot):  # type: ignore[no-untyped-def]
     """Whether something stops light between o and o + d. What did so last for this slot is tried first."""
     f = memory[slot]
@@ -165,7 +169,7 @@ def stopped(world, ox, oy, oz, dx, dy, dz, memory, slot):  # type: ignore[no-unt
     return f >= 0
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def point(world, f, u, v, lift):  # type: ignore[no-untyped-def]
     """Point at (u, v) in the plane of facet f, lifted off it, m."""
     s = world[0][f]
@@ -178,7 +182,7 @@ def point(world, f, u, v, lift):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def place(world, f, u, v, lift):  # type: ignore[no-untyped-def]
     """As :func:`point`, pulled inside the facet's outline."""
     s, edge_first, edges = world[0][f], world[1], world[2]
@@ -190,7 +194,7 @@ def place(world, f, u, v, lift):  # type: ignore[no-untyped-def]
     return point(world, f, u, v, lift)
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def _inside(start, end, edges, inset, u, v):  # type: ignore[no-untyped-def]
     """(u, v) moved to lie inside a polygon, off its edges as far as ``inset`` and its size allow."""
     mid_u = mid_v = 0.0

@@ -103,7 +103,7 @@ def level_start(level):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def texture_lanes(z, u, ux, u_constant, v, vx, v_constant, level, base, texels):  # type: ignore[no-untyped-def]
+def texture_lanes(z, u, ux, u_constant, v, vx, v_constant, level, base, texels, plain):  # type: ignore[no-untyped-def]
     """Texture of 16 pixels: red and blue, and green, each as a result of ``blend``.
 
     Args:
@@ -117,6 +117,7 @@ def texture_lanes(z, u, ux, u_constant, v, vx, v_constant, level, base, texels):
         level: mip level.
         base: first texel of the texture.
         texels: packed textures.
+        plain: None to blend rows of texels, else take the nearest (compiled for both: a branch would cost much).
     """
     bits = SIZE_BITS - level
     unit = float(1 << (bits + WEIGHT_BITS))
@@ -128,24 +129,23 @@ def texture_lanes(z, u, ux, u_constant, v, vx, v_constant, level, base, texels):
     iv = whole(z * (spread(f4(unit * v)) + spread(f4(unit * vx)) * lane)) + spread_int(i4(unit * v_constant - 64.0))
     wu, wv = iu & weight, iv & weight
     wu, wv = wu | (wu << sixteen), wv | (wv << sixteen)
-    column, row = (iu >> seven) & mask, (iv >> seven) & mask
-    right, after = (column + spread_int(i4(1))) & mask, (row + spread_int(i4(1))) & mask
+    column, row = (iu >> seven) & mask, ((iv + spread_int(i4(0 if plain is None else 64))) >> seven) & mask
+    right = (column + spread_int(i4(1))) & mask
     # Texels lie in tiles of 4 x 4.
     shift, start = spread_int(i4(bits + 2)), spread_int(i4(base + level_start(level)))
     west = (((column >> two) << four) | (column & three)) + start
     east = (((right >> two) << four) | (right & three)) + start
-    south, north = (
-        ((row >> two) << shift) | ((row & three) << two),
-        ((after >> two) << shift) | ((after & three) << two),
-    )
-    p, q = gather(texels, west + south), gather(texels, east + south)
-    r, s = gather(texels, west + north), gather(texels, east + north)
+    at = ((row >> two) << shift) | ((row & three) << two)
+    p, q = gather(texels, west + at), gather(texels, east + at)
     pair, byte, eight = spread_int(RED_BLUE), spread_int(i4(255)), spread_int(i4(8))
-    red_blue = blend_again(blend(p & pair, q & pair, wu), blend(r & pair, s & pair, wu), wv)
-    green = blend_again(
-        blend((p >> eight) & byte, (q >> eight) & byte, wu), blend((r >> eight) & byte, (s >> eight) & byte, wu), wv
-    )
-    return red_blue, green
+    low = blend(p & pair, q & pair, wu), blend((p >> eight) & byte, (q >> eight) & byte, wu)
+    high = low
+    if plain is None:
+        row = (row + spread_int(i4(1))) & mask
+        at = ((row >> two) << shift) | ((row & three) << two)
+        p, q = gather(texels, west + at), gather(texels, east + at)
+        high = blend(p & pair, q & pair, wu), blend((p >> eight) & byte, (q >> eight) & byte, wu)
+    return blend_again(low[0], high[0], wv), blend_again(low[1], high[1], wv)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -190,6 +190,7 @@ def shade(  # type: ignore[no-untyped-def]
     height,
     stride,
     finest,
+    plain,
     scene,
     work,
     rgb,
@@ -205,6 +206,7 @@ def shade(  # type: ignore[no-untyped-def]
         height: px.
         stride: as for ``visible``.
         finest: largest mip level that textures have.
+        plain: as for ``texture_lanes``.
         scene: as for ``visible``.
         work: as for ``visible``.
         rgb: (H * W * 3,) uint8, written.
@@ -260,7 +262,7 @@ def shade(  # type: ignore[no-untyped-def]
             )  # fmt: skip
             level = mip_level(0.5 * (z_start + z_end), c[slot, AREA], c[slot, GRAZING], finest)
             z = one / (spread(f4(here)) + spread(f4(step)) * ramp())
-            red_blue, green = texture_lanes(z, u, ux, c[slot, U + 3], v, vx, c[slot, V + 3], level, base, texels)
+            red_blue, green = texture_lanes(z, u, ux, c[slot, U + 3], v, vx, c[slot, V + 3], level, base, texels, plain)
             share = f4(1.0) / f4(count)
             light_rb = light_lanes(start, end, share, 0) | (light_lanes(start, end, share, 40) << sixteen)
             colour = lit(red_blue, light_rb) | (lit(green, light_lanes(start, end, share, 20)) << eight)

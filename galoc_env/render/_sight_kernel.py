@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from galoc_env.render._light_ray_kernel import crossing, place, stopped, trace
+from galoc_env.render._light_ray_kernel import LEAN, crossing, place, stopped, trace
 
 LIFT = 0.003
 """Light is measured this far off a facet, m."""
@@ -15,8 +15,8 @@ NARROW = 0.3
 """Two walls that face each other this closely enclose what nobody sees, m."""
 
 
-@njit(cache=True, _nrt=False)
-def _look_out(world, wall, f):  # type: ignore[no-untyped-def]
+@njit(**LEAN)
+def _look_out(world, wall, roofed, f):  # type: ignore[no-untyped-def]
     """Whether a facet is hidden, see :func:`survey`, and how far off it light is to be measured, m."""
     s = world[0]
     n = s[f, :3]
@@ -26,7 +26,7 @@ def _look_out(world, wall, f):  # type: ignore[no-untyped-def]
         v = s[f, 13] * (0.5 if k == 4 else 1.0 * (k // 2))
         p = place(world, f, u, v, LIFT)
         g, t = trace(world, p[0], p[1], p[2], n[0], n[1], n[2], 1e3, False)
-        shut += 1 if g < 0 or (wall[f] and wall[g] and t < NARROW) else 0
+        shut += 1 if (roofed and g < 0) or (g >= 0 and wall[f] and wall[g] and t < NARROW) else 0
         if g >= 0 and t < COVER and s[g, 0] * n[0] + s[g, 1] * n[1] + s[g, 2] * n[2] > 0.0:
             covered += 1
             off = max(off, t)
@@ -35,7 +35,7 @@ def _look_out(world, wall, f):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def survey(world, lit, wall):  # type: ignore[no-untyped-def]
+def survey(world, lit, wall, roofed):  # type: ignore[no-untyped-def]
     """(N,) facets that face away from all rooms: towards the void, or as a wall towards another one close by.
 
     Also sets how far off each facet light is measured: a frame behind a picture shows, though most of it is covered.
@@ -44,15 +44,16 @@ def survey(world, lit, wall):  # type: ignore[no-untyped-def]
         world: see :func:`trace`.
         lit: (N,) facets to look at.
         wall: (N,) which are walls.
+        roofed: whether rooms have ceilings; without any, the void is the sky.
     """
     out = np.zeros(lit.shape[0], np.bool_)
     for f in range(lit.shape[0]):
         if lit[f]:
-            out[f], world[0][f, 16] = _look_out(world, wall, f)
+            out[f], world[0][f, 16] = _look_out(world, wall, roofed, f)
     return out
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def outline(world, f, out):  # type: ignore[no-untyped-def]
     """Points (K, 3) into ``out`` between which all texels of a facet lie; gives K."""
     s, edge_first, edges = world[0][f], world[1], world[2]
@@ -69,7 +70,7 @@ def outline(world, f, out):  # type: ignore[no-untyped-def]
     return count
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def _covers(world, g, points, count, spots):  # type: ignore[no-untyped-def]
     """Whether facet g hides all spots (S, 3) from all points: then it does so from all between them, being convex."""
     if g < 0:
@@ -83,7 +84,7 @@ def _covers(world, g, points, count, spots):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def _out_of_sight(world, points, count, spots, memory, slot):  # type: ignore[no-untyped-def]
     """Whether one facet hides all spots from all points; ``memory`` says what is tried first."""
     if _covers(world, memory[slot], points, count, spots):
@@ -97,16 +98,33 @@ def _out_of_sight(world, points, count, spots, memory, slot):  # type: ignore[no
     return False
 
 
+@njit(**LEAN)
+def _nearest(points, count, x, y, z):  # type: ignore[no-untyped-def]
+    """Square of the distance from a place to the box around an outline: nothing in that is nearer, m^2."""
+    d2 = 0.0
+    for c in range(3):
+        low = high = points[0, c]
+        for k in range(1, count):
+            low, high = min(low, points[k, c]), max(high, points[k, c])
+        at = x if c == 0 else y if c == 1 else z
+        off = max(0.0, low - at, at - high)
+        d2 += off * off
+    return d2
+
+
 @njit(cache=True)
-def lamps_in_sight(world, f, points, count, lamps, memory, some, look):  # type: ignore[no-untyped-def]
+def lamps_in_sight(world, f, points, count, lamps, memory, some, look, faint):  # type: ignore[no-untyped-def]
     """Which lamps (L, 7) may light a facet with this outline: their numbers into ``some``; gives their count.
 
-    Without ``look`` only those behind the facet are left out.
+    Without ``look`` only those behind the facet, and too far off to shed more than ``faint``, are left out.
     """
     ball, n, found = np.empty((6, 3)), world[0][f], 0
     for i in range(lamps.shape[0]):
         front = n[0] * lamps[i, 0] + n[1] * lamps[i, 1] + n[2] * lamps[i, 2] - n[3]
         if front <= 0.0:
+            continue
+        power = max(lamps[i, 3], lamps[i, 4], lamps[i, 5])
+        if power < faint * _nearest(points, count, lamps[i, 0], lamps[i, 1], lamps[i, 2]):
             continue
         for k in range(6 if look else 0):
             for c in range(3):

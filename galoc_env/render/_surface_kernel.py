@@ -8,14 +8,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from galoc_env.render._light_ray_kernel import place, point, trace
+from galoc_env.render._light_ray_kernel import LEAN, place, point, trace
 from galoc_env.render._sight_kernel import LIFT
 
 ASIDE = 0.02
 """How far beside an edge the facet is looked for that continues another, m."""
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def _blocked(world, p, q):  # type: ignore[no-untyped-def]
     """Whether something stands between two points."""
     f, _ = trace(world, p[0], p[1], p[2], q[0] - p[0], q[1] - p[1], q[2] - p[2], 1.0, True)
@@ -61,7 +61,7 @@ def join(world, lit):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, _nrt=False)
+@njit(**LEAN)
 def _at(frame, size, k):  # type: ignore[no-untyped-def]
     """Point k of a lattice: frame is its corner and the steps along columns and rows, (3, 3)."""
     c, r = k % size[0], k // size[0]

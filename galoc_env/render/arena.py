@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from galoc_env.scene import Scene
 
 QUALITIES = ("fast", "default", "best")
-"""Plain edges; smooth edges; smooth edges, drawn twice as fine and averaged, and glossy floors."""
+"""Plain edges, texels blended along rows only; smooth edges and texels; drawn twice as fine, with glossy floors."""
 
 _pools: dict[tuple[int, int], ThreadPoolExecutor] = {}
 _pools_lock = threading.Lock()

@@ -21,11 +21,13 @@ CLUSTER = 24
 
 def extent(values: Array, axis: int) -> tuple[Array, Array]:
     """Smallest and largest values along a short axis; numpy's own reduction takes ten times as long there."""
-    low = high = values.take(0, axis)
+    low = high = np.asarray(values.take(0, axis))
     for k in range(1, values.shape[axis]):
         here = values.take(k, axis)
         low, high = np.minimum(low, here), np.maximum(high, here)
-    return low + 0.0, high + 0.0  # no -0.0: which zero is the smaller one depends on the processor
+    return np.asarray(low + 0.0), np.asarray(
+        high + 0.0
+    )  # no -0.0: which zero is less differs by processor
 
 
 def padded(corners: Array, first: NDArray[np.int64]) -> Array:

@@ -20,6 +20,8 @@ MOST_CORNERS = PAD
 """Corners of a facet at most."""
 TEXEL = 0.20
 """Spacing of light texels on large facets, m."""
+MOST_LIGHT = 2_000_000
+"""Texels of a scene: where there would be more they lie farther apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,8 +103,7 @@ def _facets(
     offset = dot(normal, shape[:, 0])  # a corner: the middle of a box need not lie in the plane
     texture = t.texture[chosen]
     texture[:, :, 3] -= np.floor(dot(texture[:, :, :3], middle[:, None]) + texture[:, :, 3])
-    light, light_size = light_rectangles(shape, normal, texel_m)
-    light_first = np.concatenate([[0], np.cumsum(light_size.astype(np.int64).prod(axis=1))])
+    light, light_size, light_first = _texels(shape, normal, texel_m)
     return Facets(
         origin=origin,
         vertices=shape[np.arange(PAD) < count[:, None]].astype(np.float32),
@@ -121,3 +122,14 @@ def _facets(
         cluster_first=cluster_first,
         cluster_box=boxes(shape, cluster_first).astype(np.float32),
     )
+
+
+def _texels(shape: Array, normal: Array, texel_m: float) -> tuple[Array, NDArray[np.int32], NDArray[np.int64]]:
+    """``light``, ``light_size`` and ``light_first`` of polygons."""
+    most = max(MOST_LIGHT, 5 * len(shape))  # none has less than four
+    while True:
+        light, size = light_rectangles(shape, normal, texel_m)
+        first = np.concatenate([[0], np.cumsum(size.astype(np.int64).prod(axis=1))])
+        if first[-1] <= most:
+            return light, size, first
+        texel_m *= 1.25

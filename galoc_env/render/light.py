@@ -23,7 +23,7 @@ from galoc_env.render.facets import Facets, build_facets
 from galoc_env.render.light_surfaces import make_surfaces
 from galoc_env.render.light_world import World, make_world
 from galoc_env.scene_light import Lamp, Sun
-from galoc_env.scene_mesh import OUTSIDE, WALL
+from galoc_env.scene_mesh import CEILING, OUTSIDE, WALL
 
 if TYPE_CHECKING:
     from galoc_env.scene import Scene
@@ -38,9 +38,9 @@ DAYLIGHT = (3.2, 3.5, 3.9)
 AMBIENT = 0.03
 """Light everywhere, so that a room with neither lamp nor window is not black."""
 RAYS = 16
-"""Rays from each point that look for the light that other surfaces send back, half as many for small or narrow surfaces ..."""
+"""Rays from each point that look for the light that other surfaces send back; half as many on small or narrow ones."""
 BOUNCES = 3
-"""... along which light goes this often."""
+"""Times that light is sent back."""
 GLOW = 0.3
 """Share of its brightness with which a shining face, such as a lamp shade, lights others: its lamp does the rest."""
 
@@ -107,7 +107,7 @@ def bake(facets: Facets, lamps: Sequence[Lamp], sun: Sun | None, albedo: ArrayLi
         return np.zeros((0, 3), np.float32)
     world = make_world(facets)
     lit, outside = facets.glow == 0.0, facets.semantic == OUTSIDE
-    lit &= ~survey(world.rays, lit, facets.semantic == WALL)
+    lit &= ~survey(world.rays, lit, facets.semantic == WALL, bool((facets.semantic == CEILING).any()))
     light, buried = direct(
         world.rays, world.step, world.size, world.first, lit, outside, _lamps(facets, lamps), _sun(sun)
     )

@@ -26,8 +26,8 @@ class RasterRenderer:
     Args:
         scene: what to draw; it is lit when it is first seen, and the light is kept.
         camera: intrinsics and size.
-        quality: "fast" (one sample a pixel), "default" (smooth edges) or "best" (twice as fine, averaged, and
-            glossy floors).
+        quality: "fast" (plain edges, textures blended along one axis), "default" (smooth edges) or "best" (twice as
+            fine and averaged, glossy floors).
 
     Raises:
         GalocError: unknown quality.

@@ -1,4 +1,4 @@
-# Every target sets itself up: .venv, pinned packages, system libraries. Paths are relative, so that a checkout in a
+# Every target sets itself up: .venv, pinned packages; for the tests also the system libraries of OpenGL. Paths are relative, so that a checkout in a
 # folder with spaces works. `make PYTHON=... <target>` picks the Python that .venv is made with.
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-slow lint types clean package dev system
@@ -16,7 +16,7 @@ help: ## list the targets
 
 setup: dev system ## everything needed to run and test galoc, in .venv
 
-demo: package system ## walk a home and localize; pictures in runs/demo (PLAN=apartment SEED=8 STEPS=60)
+demo: package ## walk a home and localize; pictures in runs/demo (PLAN=apartment SEED=8 STEPS=60)
 	@.venv/bin/galoc-env demo --plan "$(PLAN)" --steps "$(STEPS)" --seed "$(SEED)" --out runs/demo
 
 test: dev system ## the tests, without those that take minutes

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import gymnasium
+import numba
 import numpy as np
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -28,6 +30,17 @@ Outcome = tuple[Observation, NDArray[np.float64], Bools, Bools, dict[str, Any]]
 
 MOST_WORLDS = 64
 """Worlds are kept for twice the lanes, but no more than this unless that many are needed at once."""
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let kernels use this thread only: threads that share work of microseconds spend twice its time on waiting."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
 
 
 class FloorplanVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
@@ -246,12 +259,13 @@ class FloorplanVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         out["gravity"][lanes], out["odometry"][lanes] = bodies.reading[lanes, :2], bodies.reading[lanes, 2:]
         if not self._localizes and self.render_mode is None:
             return
-        for lane in lanes:
-            episode = self._episode(lane)
-            episode.trail.append(bodies.pose[lane].copy())
-            if episode.observer is not None:
-                for key, value in episode.localize().items():
-                    out[key][lane] = value
+        with one_thread():
+            for lane in lanes:
+                episode = self._episode(lane)
+                episode.trail.append(bodies.pose[lane].copy())
+                if episode.observer is not None:
+                    for key, value in episode.localize().items():
+                        out[key][lane] = value
 
     def _restart(self, lanes: NDArray[np.int64]) -> dict[str, Any]:
         """Hand out the last words of lanes that have ended and start them again at once."""

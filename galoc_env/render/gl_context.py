@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import sys
 import threading
 import warnings
 from dataclasses import dataclass
@@ -26,6 +27,8 @@ def _import_pyrender() -> ModuleType:
     """Import pyrender with its compatibility shims in place.
 
     - Without PYOPENGL_PLATFORM it looks for a screen.
+    - Its viewer, which nobody uses here, is built on a pyglet window, and pyglet looks for the libraries of a screen
+      (X11, GLU) unless it is told that there is none.
     - PyOpenGL 3.1.0 has no array handler for ``ctypes.byref`` results under the type name of Python >= 3.12.
     - numpy 2 has no ``infty``: only ``Mesh.bounds`` asks for it, which nothing here needs.
     """
@@ -40,6 +43,10 @@ def _import_pyrender() -> ModuleType:
             FormatHandler(
                 "galoc-ctypes-reference", "OpenGL.arrays.ctypesparameters.CtypesParameterHandler", [name], isOutput=True
             )
+        import pyglet
+
+        if "pyglet.window" not in sys.modules:
+            pyglet.options["headless"], pyglet.options["shadow_window"] = True, False
         import pyrender
         import pyrender.renderer
     return pyrender

@@ -26,14 +26,20 @@ from render_rounds import Contestant, Entry, machine, race, rate, ratio, reasons
 from galoc import GalocError
 from galoc_env.film import writable_folder
 
-KINDS = ("single", "sync", "async", "batch", "threads", "miniworld")
+KINDS = ("single", "fast", "sync", "async", "batch", "threads", "miniworld")
 NAMES = {
-    "single": "single", "sync": "gymnasium sync", "async": "gymnasium async", "batch": "our batch",
+    "single": "single", "fast": "single, fast", "sync": "gymnasium sync", "async": "gymnasium async", "batch": "our batch",
     "threads": "our batch, threads", "miniworld": "MiniWorld Maze",
 }  # fmt: skip
 LOCALIZED = " + localizer"
 """Ends the names of what localizes."""
 LOCALIZERS = ("none", "galoc")
+BARS: tuple[tuple[str, str, tuple[int, int, int], float], ...] = (
+    ("single, fast", "MiniWorld Maze", (80, 60, 1), 10.0),
+    ("single, fast", "MiniWorld Maze", (320, 240, 1), 10.0),
+    ("our batch", "single", (160, 120, 64), 3.0),
+)
+"""Who should be how many times faster than whom by CPU time in which case; a single environment's case has one lane."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,7 +92,7 @@ def checked(options: Options) -> None:
 
 def cases_of(options: Options, kind: str, localizer: str) -> list[tuple[int, int, int]]:
     """Width, height and lanes of what a contestant does."""
-    if kind in ("single", "miniworld"):
+    if kind in ("single", "fast", "miniworld"):
         return [(*size_of(text), 1) for text in options.sizes]
     most = {"sync": options.most_sync, "async": options.most_processes}.get(kind, max(options.lanes))
     if localizer != "none":
@@ -99,10 +105,12 @@ def entries_of(options: Options, stack: contextlib.ExitStack) -> list[Entry]:
     entries = []
     for localizer in chosen("--localizers", options.localizers, LOCALIZERS):
         for kind in chosen("--kinds", options.kinds, KINDS):
-            if kind == "miniworld" and localizer != options.localizers[0]:
+            if kind in ("miniworld", "fast") and localizer != options.localizers[0]:
                 continue
-            arguments = {"localizer": localizer, "renderer": options.renderer, "quality": options.quality}
-            job = {"kind": "batch" if kind == "threads" else kind, "home": options.home, "arguments": arguments}
+            quality = "fast" if kind == "fast" else options.quality
+            arguments = {"localizer": localizer, "renderer": options.renderer, "quality": quality}
+            role = {"threads": "batch", "fast": "single"}.get(kind, kind)
+            job = {"kind": role, "home": options.home, "arguments": arguments}
             python = options.miniworld if kind == "miniworld" else sys.executable
             made = Contestant("env_run.py", job, python, options.threads if kind == "threads" else 1)
             stack.callback(made.close)
@@ -117,13 +125,30 @@ def comparisons(entries: list[Entry]) -> list[dict[str, Any]]:
     out = []
     for (name, case), entry in by_case.items():
         plain = name.removesuffix(LOCALIZED)
-        others = {"single": ["miniworld"], "our batch": ["sync"], "our batch, threads": ["async"]}.get(plain, [])
+        others = {
+            "single": ["miniworld"],
+            "single, fast": ["miniworld"],
+            "our batch": ["sync"],
+            "our batch, threads": ["async"],
+        }.get(plain, [])
         for kind in others:
             other = NAMES[kind] + (LOCALIZED if name != plain and kind != "miniworld" else "")
             against = by_case.get((other, case))
             found = None if against is None else ratio(entry, against)
             if found is not None:
                 out.append({"name": name, "other": other, "case": list(case), "ratio": found})
+    return out
+
+
+def bars(entries: list[Entry]) -> list[dict[str, Any]]:
+    """What is asked, and the ratio found; None where one of the two was not measured."""
+    by_case = {(e.name, e.case): e for e in entries}
+    out = []
+    for name, other, case, least in BARS:
+        one, two = by_case.get((name, case)), by_case.get((other, (*case[:2], 1)))
+        found = None if one is None or two is None else ratio(one, two)
+        met = None if found is None else found["cpu"][0] >= least
+        out.append({"name": name, "other": other, "case": list(case), "least": least, "ratio": found, "met": met})
     return out
 
 
@@ -140,6 +165,7 @@ def main(options: Options) -> None:
         "machine": machine(),
         "rows": rows,
         "ratios": comparisons(entries),
+        "bars": bars(entries),
         "missing": reasons(entries),
     }
     write(options.out, result, figure(result))

@@ -1,7 +1,7 @@
 """Frames per second of the renderers: ours, pyrender as its manual has it, and Farama's MiniWorld.
 
     python benchmarks/render.py --out docs/figures/render
-    python benchmarks/render.py --miniworld path/to/python   # MiniWorld from another environment
+    python benchmarks/render.py --miniworld path/to/python   # of another environment, where MiniWorld is installed
 
 Ours draw a furnished generated home from random places, tilted, 108 degrees wide; MiniWorld draws FourRooms and Maze.
 Each contestant has a process of its own, and all take turns, so that ratios are of one moment. Rates are by CPU time

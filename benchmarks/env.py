@@ -28,8 +28,8 @@ from galoc_env.film import writable_folder
 
 KINDS = ("single", "fast", "sync", "async", "batch", "threads", "miniworld")
 NAMES = {
-    "single": "single", "fast": "single, fast", "sync": "gymnasium sync", "async": "gymnasium async", "batch": "our batch",
-    "threads": "our batch, threads", "miniworld": "MiniWorld Maze",
+    "single": "single", "fast": "single, fast", "sync": "gymnasium sync", "async": "gymnasium async",
+    "batch": "our batch", "threads": "our batch, threads", "miniworld": "MiniWorld Maze",
 }  # fmt: skip
 LOCALIZED = " + localizer"
 """Ends the names of what localizes."""

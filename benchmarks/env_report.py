@@ -9,8 +9,8 @@ from render_rounds import told
 
 Row = dict[str, Any]
 COLOURS = {
-    "single": "#1d3a66", "single, fast": "#7f7f7f", "gymnasium sync": "#5a9e6f", "gymnasium async": "#8f6bb3", "our batch": "#3d6fb4",
-    "our batch, threads": "#9dbbe0", "MiniWorld Maze": "#c8553d",
+    "single": "#1d3a66", "single, fast": "#7f7f7f", "gymnasium sync": "#5a9e6f", "gymnasium async": "#8f6bb3",
+    "our batch": "#3d6fb4", "our batch, threads": "#9dbbe0", "MiniWorld Maze": "#c8553d",
 }  # fmt: skip
 
 

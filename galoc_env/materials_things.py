@@ -146,7 +146,7 @@ def _photo(c: Canvas) -> Field:
     """Blurred light and dark in all colours."""
     image = np.stack([128 + 45 * (0.7 * c.noise("cloud") + 0.5 * c.noise("soft")) for _ in range(3)], axis=-1)
     grey = image.mean(axis=2, keepdims=True)
-    return np.asarray(grey + c.uniform(0.0, 1.0) * (image - grey), np.float32)
+    return np.asarray(grey + c.uniform(0.0, 0.6) * (image - grey), np.float32)
 
 
 def art(c: Canvas) -> Field:

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 MOULDING_SHARE, BEAM_SHARE, DETECTOR_SHARE = 0.6, 0.1, 0.3
 """Chance at density 0.5 and more: of a moulding in a room whose walls end in ceiling paint, of beams, of a detector."""
-_PROFILE = np.array([[0.0, 1.0], [0.18, 0.92], [0.35, 0.55], [0.85, 0.2], [1.0, 0.0]])
+_PROFILE = np.array([[0.0, 1.0], [0.18, 0.92], [0.45, 0.4], [1.0, 0.0]])
 """Of a moulding: distance from the wall and from the ceiling, in its size."""
 
 

@@ -105,7 +105,7 @@ class _Window:
 
     def blind(self, painter, rng: np.random.Generator) -> None:  # type: ignore[no-untyped-def]
         """Slats that cover the upper part of the window, more or less open."""
-        share, tilt, pitch = rng.uniform(0.25, 1.0), rng.uniform(0.45, 1.2), float(rng.choice((0.05, 0.065)))
+        share, tilt, pitch = rng.uniform(0.25, 1.0), rng.uniform(0.75, 1.3), float(rng.choice((0.06, 0.08)))
         tilt *= float(rng.choice((-1.0, 1.0)))
         y, half, top = self._shade_plane(), self.half - 0.01, self.high - 0.005
         paint = painter()
@@ -120,7 +120,7 @@ class _Window:
         corners[:, :, 1] = y + np.array([dy, dy, -dy, -dy])
         corners[:, :, 2] = z[:, None] + np.array([-dz, -dz, dz, dz])
         # Between slats lies more light than points far apart can tell: they pass it on, and are seen by it.
-        paint.sheets(name, corners, tint, glow=float(rng.uniform(0.55, 0.85)))
+        paint.sheets(name, corners, tint, glow=float(rng.uniform(0.65, 0.95)))
         bottom = float(z[-1]) - pitch / 2
         paint.box(name, (-half, y - 0.015, bottom - 0.015), (half, y + 0.015, bottom), tint)
         paint.flush()
@@ -132,7 +132,7 @@ class _Window:
         paint, tint = painter(), tinge(rng, 0.35, (0.75, 1.0))
         paint.box("lacquer", (-half, y - 0.025, top - 0.06), (half, y + 0.025, top), 0.95)
         cloth = np.array([[(half, y, bottom), (-half, y, bottom), (-half, y, top - 0.05), (half, y, top - 0.05)]])
-        paint.polygons("fabric", cloth, tint, glow=float(rng.uniform(0.75, 0.95)))
+        paint.polygons("fabric", cloth, tint, glow=float(rng.uniform(0.8, 1.05)))
         paint.polygons("fabric", cloth[:, ::-1], tint)
         paint.box("lacquer", (-half, y - 0.008, bottom - 0.02), (half, y + 0.012, bottom), 0.9)
         paint.flush()

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from galoc_env.scene_fittings_draw import DRAW
 from galoc_env.scene_ground import Clutter
 from galoc_env.scene_light import Lighting
+from galoc_env.scene_litter import DRAW as DRAW_LITTER
+from galoc_env.scene_litter import add_scuffs
 from galoc_env.scene_mesh import FITTING, MeshBuilder
 from galoc_env.scene_openings import Hole
 from galoc_env.scene_rooms import CORE, Rooms
@@ -31,18 +33,30 @@ _CLEAR = 0.25
 """From the edge of a window to a fitting: room for curtains, m."""
 _TRIES = 4
 
-_ONCE = {"tv", "clock", "board"}
+_LITTER = {
+    "living": {"books": 1.0, "cable": 1.5, "toys": 1.5, "bag": 0.7, "leaning": 0.5, "carton": 0.4},
+    "bed": {"books": 1.0, "shoes": 1.0, "toys": 1.0, "bag": 1.0, "cable": 1.0, "carton": 0.6, "leaning": 0.5},
+    "kitchen": {"bin": 2.0, "carton": 0.6, "bag": 1.0, "toys": 0.4},
+    "bath": {"bin": 1.5, "shoes": 0.4, "bag": 0.4},
+    "hall": {"shoes": 3.0, "bag": 1.5, "carton": 0.7, "toys": 0.4},
+    "office": {"bin": 1.5, "cable": 2.0, "carton": 1.0, "bag": 0.7, "books": 1.0},
+    "other": {"carton": 1.0, "cable": 1.0, "bin": 1.0, "leaning": 0.5, "books": 0.5},
+}
+"""The same for what stands on the floor."""
+WALL_PER_THING = 4.5
+"""Length of wall for each thing on the floor at density 1, m; half the density has a quarter of them."""
+_ONCE = {"tv", "clock", "board", "bin", "calendar"}
 """No room has two of these."""
 _BELOW = {"tv": 0.55}
 """What hangs over no higher furniture, m: nobody watches a screen above a sofa."""
 
 _WANTED: dict[str, dict[str, float]] = {
-    "living": {"pictures": 5, "mirror": 0.7, "tv": 1.2, "shelf": 1.2, "clock": 0.5, "sconce": 0.6},
-    "bed": {"pictures": 4, "mirror": 1.0, "shelf": 0.8, "sconce": 0.8, "hooks": 0.4, "tv": 0.3},
-    "kitchen": {"pictures": 1.5, "clock": 1.2, "shelf": 1.8, "hooks": 0.5, "board": 0.3},
+    "living": {"pictures": 5, "poster": 0.8, "mirror": 0.7, "tv": 1.2, "shelf": 1.2, "clock": 0.5, "sconce": 0.6},
+    "bed": {"pictures": 3, "poster": 1.5, "mirror": 1.0, "shelf": 0.8, "sconce": 0.8, "hooks": 0.4, "tv": 0.3},
+    "kitchen": {"pictures": 1.5, "calendar": 0.8, "notes": 0.8, "clock": 1.2, "shelf": 1.8, "hooks": 0.5, "board": 0.3},
     "bath": {"mirror": 2.0, "towels": 2.0, "hooks": 0.8, "shelf": 0.6},
-    "hall": {"pictures": 4, "mirror": 1.2, "hooks": 1.2, "clock": 0.5, "sconce": 0.7},
-    "office": {"board": 2.0, "pictures": 2.0, "clock": 1.0, "shelf": 1.0, "tv": 0.5},
+    "hall": {"pictures": 4, "calendar": 0.5, "mirror": 1.2, "hooks": 1.2, "clock": 0.5, "sconce": 0.7},
+    "office": {"board": 2.0, "pictures": 1.5, "calendar": 1.0, "notes": 1.0, "clock": 1.0, "shelf": 1.0, "tv": 0.5},
     "other": {"pictures": 3.0, "board": 1.0, "clock": 0.5, "sconce": 0.5, "shelf": 0.5},
 }
 """How often each kind is tried, by the use of the room."""
@@ -59,14 +73,25 @@ class _Size:
 
 
 _SIZES = {
+    "bag": _Size((0.3, 0.4), (0.35, 0.5), (0.0, 0.0), 0.24),
+    "bin": _Size((0.24, 0.26), (0.25, 0.4), (0.0, 0.0), 0.24),
     "board": _Size((0.9, 1.8), (0.6, 1.0), (0.9, 1.1), 0.03),
+    "books": _Size((0.26, 0.28), (0.2, 0.2), (0.0, 0.0), 0.24),
+    "cable": _Size((0.7, 1.3), (0.3, 0.3), (0.0, 0.0), 0.24),
+    "calendar": _Size((0.24, 0.34), (0.34, 0.48), (1.2, 1.4), 0.01),
+    "carton": _Size((0.3, 0.45), (0.2, 0.35), (0.0, 0.0), 0.24),
     "clock": _Size((0.24, 0.38), (0.24, 0.38), (1.7, 1.9), 0.05),
     "hooks": _Size((0.4, 0.9), (0.6, 0.7), (1.1, 1.2), 0.16),
+    "leaning": _Size((0.4, 0.8), (0.4, 0.7), (0.0, 0.0), 0.15),
     "mirror": _Size((0.4, 0.9), (0.6, 1.5), (0.4, 1.1), 0.04),
+    "notes": _Size((0.3, 0.6), (0.2, 0.4), (1.2, 1.4), 0.01),
     "pictures": _Size((0.3, 1.4), (0.3, 0.9), (1.0, 1.5), 0.04),
+    "poster": _Size((0.4, 0.75), (0.55, 1.0), (0.9, 1.2), 0.01),
     "sconce": _Size((0.14, 0.2), (0.2, 0.3), (1.5, 1.7), 0.14),
     "shelf": _Size((0.5, 1.2), (0.3, 0.7), (1.2, 1.6), 0.22),
+    "shoes": _Size((0.3, 0.6), (0.12, 0.12), (0.0, 0.0), 0.24),
     "towels": _Size((0.45, 0.7), (0.6, 1.2), (0.5, 1.0), 0.12),
+    "toys": _Size((0.4, 0.6), (0.2, 0.2), (0.0, 0.0), 0.24),
     "tv": _Size((0.9, 1.5), (0.52, 0.85), (0.8, 1.1), 0.07),
 }
 
@@ -135,6 +160,16 @@ class _Walls:
         return None
 
 
+def _draw_kinds(use: str, wall: float, density: float, most: int, rng: np.random.Generator) -> list[str]:
+    """What is tried in a room with so many m of wall: fittings, then things on the floor, ``most`` at most."""
+    kinds: list[str] = []
+    for table, mean in ((_WANTED, density * wall / WALL_PER_FITTING), (_LITTER, density**2 * wall / WALL_PER_THING)):
+        chances = np.array(list(table[use].values()))
+        count = min(int(rng.poisson(mean)), most - len(kinds))
+        kinds += [str(kind) for kind in rng.choice(list(table[use]), count, p=chances / chances.sum())]
+    return kinds
+
+
 def add_fittings(
     builder: MeshBuilder,
     plan: Floorplan,
@@ -159,13 +194,9 @@ def add_fittings(
     for room in sorted(by_room):
         own = np.random.default_rng(rng.integers(1 << 31))
         mine = np.array(by_room[room])
-        wanted = _WANTED[rooms.use(room)]
-        chances = np.array(list(wanted.values()))
-        count = min(
-            int(own.poisson(density * walls.length[mine].sum() / WALL_PER_FITTING)), 14 if room >= 0 else left, left
-        )
-        left -= count
-        kinds = [str(kind) for kind in own.choice(list(wanted), count, p=chances / chances.sum())]
+        most = 18 if room >= 0 else left
+        kinds = _draw_kinds(rooms.use(room), walls.length[mine].sum(), density, min(most, left), own)
+        left -= len(kinds)
         once = {"tv"} if room in screens else set[str]()
         for kind in kinds:
             size = _SIZES[kind]
@@ -177,8 +208,9 @@ def add_fittings(
                 side, s = found
                 once.update({kind} & _ONCE)
                 paint = _painter(builder, walls.foot(side, s), side.normal, low, rooms.style(room).light, lighting)
-                DRAW[kind](paint, width, height, own)
+                (DRAW_LITTER if kind in DRAW_LITTER else DRAW)[kind](paint, width, height, own)
                 paint.flush()
+    add_scuffs(builder, plan, rooms, walls.sides, cuts, lighting, density, rng)
 
 
 def add_switches(

@@ -70,6 +70,38 @@ def pictures(paint: SolidPainter, width: float, height: float, rng: np.random.Ge
         _picture(paint, (left, left + each), (0.0, height), look, (rim, min(mount, 0.2 * min(each, height))), rng)
 
 
+def poster(paint: SolidPainter, width: float, height: float, rng: np.random.Generator) -> None:
+    """A sheet without a frame, not quite upright."""
+    crop = tuple(float(v) for v in rng.uniform(0.0, 1.2, 2))
+    sheet, half = paint.at((0.0, 0.0, 0.0), roll=rng.normal(0.0, 0.012)), width / 2
+    _sheet(sheet, "lacquer", 0.002, (-half, half), (0.0, height), 0.97)
+    rim = rng.choice((0.0, 0.02, 0.04))
+    low = rim if rng.uniform() < 0.6 else 0.2 * height
+    name = f"art.{int(rng.integers(4))}"
+    _sheet(sheet, name, 0.004, (rim - half, half - rim), (low, height - rim), tinge(rng, 0.2), crop)  # type: ignore[arg-type]
+
+
+def calendar(paint: SolidPainter, width: float, height: float, rng: np.random.Generator) -> None:
+    """A picture above, the month below."""
+    half = width / 2
+    _sheet(paint, "lacquer", 0.003, (-half, half), (0.0, height), 0.99)
+    crop = (float(rng.uniform()), float(rng.uniform()))
+    _sheet(paint, f"art.{int(rng.integers(4))}", 0.005, (0.01 - half, half - 0.01), (0.5 * height, height), 1.0, crop)
+    for k in range(5):
+        z = (0.06 + 0.08 * k) * height
+        end = half - 0.02 if k else rng.uniform(-0.3, 0.8) * half
+        _sheet(paint, "lacquer", 0.005, (0.02 - half, end), (z, z + 0.03 * height), 0.45)
+
+
+def notes(paint: SolidPainter, width: float, height: float, rng: np.random.Generator) -> None:
+    """Bits of paper, here and there."""
+    for y in np.arange(0.06 - width / 2, width / 2 - 0.05, 0.13):
+        if rng.uniform() < 0.75:
+            a, b, z = rng.uniform(0.03, 0.055), rng.uniform(0.04, 0.075), rng.uniform(0.08, height - 0.08)
+            one = paint.at((0.0, float(y), z), roll=rng.normal(0.0, 0.08))
+            _sheet(one, "lacquer", 0.003, (-a, a), (-b, b), tinge(rng, 0.5, (0.85, 1.0)))
+
+
 def mirror(paint: SolidPainter, width: float, height: float, rng: np.random.Generator) -> None:
     """A mirror with or without a frame."""
     look, rim = _frame_look(rng), rng.uniform(0.004, 0.06)
@@ -182,10 +214,13 @@ def switch(paint: SolidPainter, width: float, height: float, rng: np.random.Gene
 
 DRAW: dict[str, Draw] = {
     "board": board,
+    "calendar": calendar,
     "clock": clock,
     "hooks": hooks,
     "mirror": mirror,
+    "notes": notes,
     "pictures": pictures,
+    "poster": poster,
     "sconce": sconce,
     "shelf": shelf,
     "switch": switch,

@@ -72,24 +72,55 @@ def _headboard(paint: SolidPainter, item: Furniture, look: Look, frame: Skin, he
 def _duvet(paint: SolidPainter, item: Furniture, look: Look, cover: Skin, levels: tuple[float, float, float]) -> None:
     head, top, soft = levels
     a, b = item.length / 2, item.width / 2
-    start, thick = -a + head + look.between(0.55, 0.8), look.between(0.05, 0.09)
+    start, thick = -a + head + look.between(0.55, 0.8), look.between(0.055, 0.1)
     hang = look.between(0.05, 0.14)
     if look.chance(0.15):  # turned back: half the bed shows its sheet
         start = -a + head + 1.15
-    paint.cushion(cover[0], (start, -b + 0.01, soft - hang), (a - 0.01, b - 0.01, soft + thick), 0.055, cover[1])
     fold = 1.06 * cover[1] if look.chance(0.5) else np.full(3, 1.12)
     wide = look.between(0.2, 0.3)
+    low, high = (start + wide - 0.004, -b + 0.01, soft - hang), (a - 0.01, b - 0.01, soft + thick)
+    _rumpled(paint, cover, low, high, thick - 0.015, look.rng)
     paint.cushion(
         cover[0],
         (start - 0.03, -b + 0.005, soft - 0.6 * hang),
         (start + wide, b - 0.005, soft + thick + 0.03),
-        0.04,
+        0.02,
         fold,
     )
     if look.chance(0.35):
         throw = look.cloth()
         x, top = a - look.between(0.5, 0.8), soft + thick + 0.02
         paint.cushion(throw[0], (x, -b, soft - hang + 0.02), (x + 0.42, b, top), 0.02, throw[1])
+
+
+def _rumpled(
+    paint: SolidPainter,
+    cover: Skin,
+    low: tuple[float, float, float],
+    high: tuple[float, float, float],
+    deep: float,
+    rng: np.random.Generator,
+) -> None:
+    """A cover with hills and hollows up to ``deep`` m; its rim hangs lower here than there."""
+    columns, rows = 6, 5
+    x, y = np.linspace(low[0], high[0], columns), np.linspace(low[1], high[1], rows)
+    x[1:-1] += rng.uniform(-0.25, 0.25, columns - 2) * (x[1] - x[0])
+    y[1:-1] += rng.uniform(-0.25, 0.25, rows - 2) * (y[1] - y[0])
+    top = np.empty((columns, rows, 3))
+    top[..., 0], top[..., 1] = np.meshgrid(x, y, indexing="ij")
+    top[..., 2] = high[2] - deep * rng.uniform(0.0, 0.7, (columns, rows))
+    rim = np.ones((columns, rows), bool)
+    rim[1:-1, 1:-1] = False
+    top[rim, 2] = high[2] - deep * rng.uniform(0.6, 1.0, int(rim.sum()))
+    a, b, c, d = top[:-1, :-1], top[1:, :-1], top[1:, 1:], top[:-1, 1:]
+    paint.polygons(
+        cover[0], np.concatenate([np.stack(t, 2).reshape(-1, 3, 3) for t in ((a, b, c), (a, c, d))]), cover[1]
+    )
+    ring = np.concatenate([top[:-1, 0], top[-1, :-1], top[:0:-1, -1], top[0, :0:-1]])
+    foot = ring.copy()
+    foot[:, 2] = low[2] + rng.uniform(0.0, 0.35, len(ring)) * (high[2] - low[2])
+    corners = [np.roll(foot, -1, axis=0), np.roll(ring, -1, axis=0)]
+    paint.polygons(cover[0], np.stack([foot, corners[0], corners[1], ring], axis=1), 0.97 * cover[1])
 
 
 def nightstand(paint: SolidPainter, item: Furniture, look: Look) -> None:

@@ -88,7 +88,7 @@ def _directions(rng: np.random.Generator, count: int, low: float, high: float) -
 
 def _bush(paint: SolidPainter, look: Look, size: tuple[float, float, float], tint: Array) -> None:
     radius, pot, top = size
-    n = 20
+    n = 16
     height = np.linspace(0.0, 1.0, n)
     ways = _directions(look.rng, n, -0.1, 0.5)
     ways[:, 2] += 0.9 * height**2
@@ -105,7 +105,7 @@ def _bush(paint: SolidPainter, look: Look, size: tuple[float, float, float], tin
 
 def _tree(paint: SolidPainter, look: Look, size: tuple[float, float, float], tint: Array) -> None:
     radius, pot, top = size
-    n, crown = 24, pot + 0.45 * (top - pot)
+    n, crown = 19, pot + 0.45 * (top - pot)
     paint.tube("lacquer", (0, 0, pot - 0.05), (0.02, 0.01, 0.75 * top), (0.02, 0.012), BARK, sides=5, ends=False)
     ways = _directions(look.rng, n, -0.4, 1.2)
     base = 0.3 * radius * ways
@@ -119,7 +119,7 @@ def _tree(paint: SolidPainter, look: Look, size: tuple[float, float, float], tin
 
 def _blades(paint: SolidPainter, look: Look, size: tuple[float, float, float], tint: Array) -> None:
     radius, pot, top = size
-    n = 15
+    n = 13
     ways = _directions(look.rng, n, 1.0, 1.5)
     base = np.zeros((n, 3))
     base[:, :2] = 0.3 * radius * ways[:, :2]

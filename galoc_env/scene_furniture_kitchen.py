@@ -198,6 +198,11 @@ def _corner_upper(
     a, top = size
     low, high = (y[0], y[0] + UPPER_DEPTH - 0.02) if right else (y[1] - UPPER_DEPTH + 0.02, y[1])
     paint.box(fit.high[0], (-a, low, UPPER), (a, high, top), 0.96 * fit.high[1], hide="xy" if right else "xY")
+    # The wall at the corner is tiled too.
+    near, far = (y[0], y[0] + 0.01) if right else (y[1] - 0.01, y[1])
+    paint.box(
+        fit.splash[0], (-a + 0.01, near, COUNTER), (a, far, UPPER), fit.splash[1], hide="xyzZ" if right else "xYzZ"
+    )
     return (high, y[1]) if right else (y[0], low)
 
 

@@ -156,11 +156,11 @@ def trinket(paint: SolidPainter, look: Look, place: tuple[float, float, float], 
     if draw == 0:
         tall = min(0.28, 0.8 * height)
         profile = ((0.5 * r, z), (0.9 * r, z + 0.35 * tall), (0.3 * r, z + 0.75 * tall), (0.45 * r, z + tall))
-        paint.lathe(made[0], (x, y), profile, made[1], sides=8)
+        paint.lathe(made[0], (x, y), profile, made[1], sides=7)
     elif draw == 1:
         pot = min(0.12, 0.4 * height)
-        paint.lathe(made[0], (x, y), ((0.5 * r, z), (0.7 * r, z + pot)), made[1], sides=8)
-        n = 9
+        paint.lathe(made[0], (x, y), ((0.5 * r, z), (0.7 * r, z + pot)), made[1], sides=7)
+        n = 7
         bearing, rise = 2.4 * np.arange(n), look.rng.uniform(0.3, 1.3, n)
         ways = np.stack([np.cos(bearing) * np.cos(rise), np.sin(bearing) * np.cos(rise), np.sin(rise)], axis=1)
         length = np.minimum(reach, 0.5 * height) * look.rng.uniform(0.6, 1.0, n)
@@ -175,7 +175,7 @@ def trinket(paint: SolidPainter, look: Look, place: tuple[float, float, float], 
         )
     else:
         paint.lathe(
-            made[0], (x, y), ((0.4 * r, z), (r, z + 0.06), (0.85 * r, z + 0.06), (0.3 * r, z + 0.02)), made[1], sides=8
+            made[0], (x, y), ((0.4 * r, z), (r, z + 0.06), (0.85 * r, z + 0.06), (0.3 * r, z + 0.02)), made[1], sides=7
         )
 
 

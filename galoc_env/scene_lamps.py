@@ -27,6 +27,8 @@ AREA_PER_LAMP = 17.0
 """Larger rooms have more than one, m2."""
 HEAD_ROOM = 2.02
 """A lamp hangs no lower than this, m."""
+BRIGHT = 0.1
+"""Rooms with windows of this share of their area, or more, may be lit by daylight alone."""
 POWER_PER_AREA, POWER = 0.17, (1.5, 2.9)
 """Power of a lamp for each m2 that it has to light; least and most."""
 MOST_UP, LOWEST = 0.5, 1.92
@@ -62,11 +64,11 @@ def add_lamps(
     spaces = [(number, _spots(room), room.area) for number, room in enumerate(rooms.polygons)]
     elsewhere = [(REST, [spot], AREA_PER_LAMP) for spot in _spots_elsewhere(plan, rooms)]
     spaces = elsewhere + spaces if len(elsewhere) > len(spaces) else spaces + elsewhere  # the larger part first
-    bright = {room for hole in holes if hole.opening.kind == "window" for room in hole.rooms}
+    pane = _window_areas(holes)
     lamps: list[Lamp] = []
     for number, places, area in spaces:
         own = np.random.default_rng(rng.integers(1 << 31))
-        on = own.uniform() > (0.2 if number in bright else 0.03)
+        on = own.uniform() > (0.3 if pane.get(number, 0.0) > BRIGHT * area else 0.03)
         aside = own.uniform(-0.3, 0.3, 2)  # builders do not measure
         spots = [(x + aside[0], y + aside[1]) for x, y in places][: max(MAX_LAMPS - len(lamps), 0)]
         kind, look = _KINDS[int(own.integers(len(_KINDS)))], int(own.integers(1 << 31))
@@ -74,18 +76,31 @@ def add_lamps(
             kind = _disc if own.uniform() < 0.6 else _row
         warm = own.uniform() ** 1.5
         colour = np.array([1.0, 0.97, 0.93]) * (1 - warm) + np.array([1.12, 0.86, 0.60]) * warm
-        power = own.uniform(0.8, 1.25) * min(max(POWER_PER_AREA * area / max(len(spots), 1), POWER[0]), POWER[1])
+        each = POWER_PER_AREA * area / max(len(spots), 1)
+        # Neighbours light each other's part of a large room.
+        power = own.uniform(0.8, 1.25) * min(max(each, POWER[0]), POWER[1]) * (0.6 + 0.4 / max(len(spots), 1))
+        shown = 1.0 - (0.5 if on else 0.3) * (1.0 - colour / colour.max())  # lit, it is brighter than white
         for x, y in spots:
             paint = SolidPainter(
                 builder, lighting, x, y, float(own.uniform(0, math.pi)), 1.0, builder.new_instance(FITTING), queue=[]
             )
             glow = 1.25 if on else 0.0
-            height = kind(paint, plan.ceiling_height, glow, colour / colour.max(), np.random.default_rng(look))
+            height = kind(paint, plan.ceiling_height, glow, shown, np.random.default_rng(look))
             paint.flush()
             if on:
                 red, green, blue = (float(power * c) for c in colour)
                 lamps.append(Lamp(x, y, _light_height(plan.ceiling_height, height, power), (red, green, blue)))
     return tuple(lamps)
+
+
+def _window_areas(holes: list[Hole]) -> dict[int, float]:
+    """Area of the windows of each room that has any, m2."""
+    areas: dict[int, float] = {}
+    for hole in holes:
+        if hole.opening.kind == "window":
+            for room in hole.rooms:
+                areas[room] = areas.get(room, 0.0) + hole.opening.width * (hole.opening.top - hole.opening.bottom)
+    return areas
 
 
 def _light_height(ceiling: float, height: float, power: float) -> float:

@@ -1,6 +1,7 @@
 """Numba kernels for light that comes back from other surfaces.
 
-It changes slowly, so it is found at a few points of every surface.
+It changes slowly, so it is found at a few points of every surface. What stands on a floor darkens it within a hand's
+breadth, though: that is found for each of its texels.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from galoc_env.render._light_ray_kernel import LEAN, trace
+from galoc_env.render._light_ray_kernel import LEAN, place, trace
 
 
 @njit(cache=True)
@@ -98,4 +99,41 @@ def collect(hits, facet_of, sent, shine, light):  # type: ignore[no-untyped-def]
                     out[m, c] += shine[-3 - h, c]
         for c in range(3):
             out[m, c] /= rays
+    return out
+
+
+@njit(cache=True)
+def contact(world, floor, bodies, directions, reach, step, size, first):  # type: ignore[no-untyped-def]
+    """How close to bodies the texels of floors are: (T,) 0 in the open to 1 under or inside a body.
+
+    The same rays from every texel: along a straight edge all get the same.
+
+    Args:
+        world: see :func:`trace`.
+        floor: (N,) facets to look at; others have 0.
+        bodies: (N,) facets that count.
+        directions: (R, 4) along u, v and the normal, and the weight; weights add up to 1.
+        reach: what is farther away does not count, m.
+        step: (N, 2) m between texels.
+        size: (N, 2) columns and rows of texels.
+        first: (N + 1,) first texel of each facet.
+    """
+    out, sheets = np.zeros(first[-1]), world[0]
+    for f in range(floor.shape[0]):
+        s = sheets[f]
+        for k in range(size[f, 0] * size[f, 1] if floor[f] else 0):
+            p = place(world, f, (k % size[f, 0]) * step[f, 0], (k // size[f, 0]) * step[f, 1], s[16])
+            near = 0.0
+            for i in range(directions.shape[0]):
+                a, b, h = directions[i, 0], directions[i, 1], directions[i, 2]
+                dx = a * s[4] + b * s[8] + h * s[0]
+                dy = a * s[5] + b * s[9] + h * s[1]
+                dz = a * s[6] + b * s[10] + h * s[2]
+                g, t = trace(world, p[0], p[1], p[2], dx, dy, dz, reach, False)
+                if g >= 0 and bodies[g]:
+                    near += directions[i, 3] * (1.0 - t / reach)
+                    if sheets[g, 0] * dx + sheets[g, 1] * dy + sheets[g, 2] * dz > 0.0:
+                        near = 1.0  # inside something
+                        break
+            out[first[f] + k] = near
     return out

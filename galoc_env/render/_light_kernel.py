@@ -72,8 +72,8 @@ def _tiny(step, size):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _add_lamp(world, f, step, size, lamp, memory, slot, out):  # type: ignore[no-untyped-def]
-    """Light of one lamp on a facet; gives the number of texels in its shadow."""
+def _add_lamp(world, f, step, size, at, lamp, memory, slot, out):  # type: ignore[no-untyped-def]
+    """Light of one lamp on a facet with texels at these points (K, 3); gives the number of those in its shadow."""
     n, wide, high = world[0][f, :3], size[0], size[1]
     power = max(lamp[3], lamp[4], lamp[5])
     seen, dark = np.zeros(wide * high, np.int8), 0
@@ -87,7 +87,7 @@ def _add_lamp(world, f, step, size, lamp, memory, slot, out):  # type: ignore[no
             c, r = k % wide, k // wide
             if even != ((c % 2 == 0 or c == wide - 1) and (r % 2 == 0 or r == high - 1)):
                 continue
-            p = place(world, f, c * step[0], r * step[1], world[0][f, 16])
+            p = at[k]
             scale = _strength(n, p, lamp)
             guess = seen[k] if tiny else -1 if even else _between(seen, wide, high, c, r)
             if guess >= 0:
@@ -134,6 +134,7 @@ def direct(world, step, size, first, lit, outside, lamps, sun):  # type: ignore[
     """
     out, buried = np.zeros((first[-1], 3)), np.zeros(first[-1], np.bool_)
     memory, some, points = np.full(4 * lamps.shape[0], -1), np.empty(lamps.shape[0], np.int64), np.empty((16, 3))
+    places = np.empty((np.diff(first).max(), 3))
     shiny = max(sun[3], sun[4], sun[5]) > 0.0
     for f in range(size.shape[0]):
         if not lit[f]:
@@ -142,22 +143,25 @@ def direct(world, step, size, first, lit, outside, lamps, sun):  # type: ignore[
         count = outline(world, f, points)
         found = lamps_in_sight(world, f, points, count, lamps, memory, some, not _tiny(step[f], size[f]), FAINT)
         here, dark = out[first[f] : first[f + 1]], 0
+        at = places[: here.shape[0]]
+        for k in range(here.shape[0] if found > 0 or shiny else 0):
+            u, v = (k % size[f, 0]) * step[f, 0], (k // size[f, 0]) * step[f, 1]
+            at[k, 0], at[k, 1], at[k, 2] = place(world, f, u, v, world[0][f, 16])
         for i in some[:found]:
-            dark += _add_lamp(world, f, step[f], size[f], lamps[i], memory, 4 * i, here)
+            dark += _add_lamp(world, f, step[f], size[f], at, lamps[i], memory, 4 * i, here)
         facing = n[0] * sun[0] + n[1] * sun[1] + n[2] * sun[2]
         if shiny and facing > 0.01:
-            _add_sun(world, outside, f, step[f], size[f], sun, facing, here)
+            _add_sun(world, outside, f, step[f], size[f], at, sun, facing, here)
             dark += 1
         # Of points in the dark some may lie inside a body.
         for k in range(here.shape[0] if dark > 0 else 0):
             if here[k, 0] + here[k, 1] + here[k, 2] == 0.0:
-                p = place(world, f, (k % size[f, 0]) * step[f, 0], (k // size[f, 0]) * step[f, 1], world[0][f, 16])
-                buried[first[f] + k] = _buried(world, p, n)
+                buried[first[f] + k] = _buried(world, at[k], n)
     return out, buried
 
 
 @njit(cache=True)
-def _add_sun(world, outside, f, step, size, sun, facing, out):  # type: ignore[no-untyped-def]
+def _add_sun(world, outside, f, step, size, at, sun, facing, out):  # type: ignore[no-untyped-def]
     """Sunlight on a facet; texels at the edge of a patch get it by the part of their area that is lit."""
     wide, high = size[0], size[1]
     sunny = np.zeros(wide * high, np.int8)
@@ -172,7 +176,7 @@ def _add_sun(world, outside, f, step, size, sun, facing, out):  # type: ignore[n
                 continue
             sunny[k] = sunny[k] if tiny else -1 if even else _between(sunny, wide, high, c, r)
             if sunny[k] < 0:
-                sunny[k] = _sunlit(world, outside, place(world, f, c * step[0], r * step[1], world[0][f, 16]), sun)
+                sunny[k] = _sunlit(world, outside, at[k], sun)
     for r in range(high):
         for c in range(wide):
             here, edge = sunny[r * wide + c], False

@@ -213,9 +213,9 @@ def weigh(world, points, facet, links, frames, size, first, surface, texel_step,
 
 
 @njit(cache=True)
-def spread(values, index, weight, base):  # type: ignore[no-untyped-def]
-    """(T, 3): base (T, 3) and the weighted lattice values (M, 3)."""
-    out = base.copy()
+def spread(values, index, weight):  # type: ignore[no-untyped-def]
+    """(T, 3): the weighted lattice values (M, 3) around each texel."""
+    out = np.zeros((index.shape[0], 3))
     for t in range(index.shape[0]):
         for j in range(4):
             for c in range(3):

@@ -25,9 +25,7 @@ def extent(values: Array, axis: int) -> tuple[Array, Array]:
     for k in range(1, values.shape[axis]):
         here = values.take(k, axis)
         low, high = np.minimum(low, here), np.maximum(high, here)
-    return np.asarray(low + 0.0), np.asarray(
-        high + 0.0
-    )  # no -0.0: which zero is less differs by processor
+    return np.asarray(low + 0.0), np.asarray(high + 0.0)  # no -0.0: which zero is less differs by processor
 
 
 def padded(corners: Array, first: NDArray[np.int64]) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from galoc.cache import DiskCache, content_key
-from galoc_env.render._bounce_kernel import collect, look_round
+from galoc_env.render._bounce_kernel import collect, contact, look_round
 from galoc_env.render._light_filter_kernel import fill
 from galoc_env.render._light_kernel import direct
 from galoc_env.render._light_pane_kernel import SIDE, daylight
@@ -23,14 +23,14 @@ from galoc_env.render.facets import Facets, build_facets
 from galoc_env.render.light_surfaces import make_surfaces
 from galoc_env.render.light_world import World, make_world
 from galoc_env.scene_light import Lamp, Sun
-from galoc_env.scene_mesh import CEILING, OUTSIDE, WALL
+from galoc_env.scene_mesh import CEILING, FURNITURE, OUTSIDE, WALL
 
 if TYPE_CHECKING:
     from galoc_env.scene import Scene
 
 Array = NDArray[np.float64]
 
-VERSION = 2
+VERSION = 3
 """Part of every key; counted up when the same scene gets other light."""
 
 DAYLIGHT = (3.2, 3.5, 3.9)
@@ -43,7 +43,13 @@ BOUNCES = 3
 """Times that light is sent back."""
 GLOW = 0.3
 """Share of its brightness with which a shining face, such as a lamp shade, lights others: its lamp does the rest."""
-
+CONTACT, REACH = 0.6, 0.45
+"""Part of its light that a floor loses under a body, and how far around it that is felt, m: lamps are points here, but
+real ones and their reflections are broad, and nothing looks as if it stood there without this."""
+OPEN = 0.8
+"""Where more of the walls than this face the void, the plan has no closed rooms and a camera may stand anywhere."""
+FLAT = 0.04
+"""What lies lower is floor, as a rug is, m."""
 
 _RECENT = 8
 _recent: OrderedDict[str, NDArray[np.float32]] = OrderedDict()
@@ -107,20 +113,32 @@ def bake(facets: Facets, lamps: Sequence[Lamp], sun: Sun | None, albedo: ArrayLi
         return np.zeros((0, 3), np.float32)
     world = make_world(facets)
     lit, outside = facets.glow == 0.0, facets.semantic == OUTSIDE
-    lit &= ~survey(world.rays, lit, facets.semantic == WALL, bool((facets.semantic == CEILING).any()))
+    lit &= ~_hidden(facets, world, lit)
     light, buried = direct(
         world.rays, world.step, world.size, world.first, lit, outside, _lamps(facets, lamps), _sun(sun)
     )
     fill(light, buried, world.size, world.first, 2)
     part = np.asarray(albedo, np.float64)
     sent = np.broadcast_to(part[:, None] if part.ndim == 1 else part, (len(lit), 3)).copy()
-    light = _with_bounces(facets, world, light, lit, sent)
+    light += _soft(facets, world, light, lit, sent)
+    light *= 1.0 - _contact(facets, world, lit)[:, None]
     light[~np.repeat(lit, np.diff(world.first))] = 0.0
     return light.astype(np.float32)
 
 
-def _with_bounces(facets: Facets, world: World, light: Array, lit: NDArray[np.bool_], sent: Array) -> Array:
-    """Light of lamps and sun (T, 3), that of windows, and that which comes back from other surfaces."""
+def _hidden(facets: Facets, world: World, lit: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(N,) facets that nobody sees, see :func:`survey`; towards the void only if rooms are closed."""
+    wall = facets.semantic == WALL
+    if (facets.semantic == CEILING).any():
+        out: NDArray[np.bool_] = survey(world.rays, lit, wall, True)
+        # Of the walls of a house, more than half face rooms.
+        if not wall.any() or out[wall].mean() < OPEN:
+            return out
+    return np.asarray(survey(world.rays, lit, wall, False))
+
+
+def _soft(facets: Facets, world: World, light: Array, lit: NDArray[np.bool_], sent: Array) -> Array:
+    """Light of windows (T, 3) and what other surfaces send back, where ``light`` is that of lamps and sun."""
     at = make_surfaces(facets, world, lit)
     which = np.flatnonzero((facets.semantic == OUTSIDE) & (facets.glow > 0))
     panes, spots = _panes(facets, which)
@@ -134,14 +152,28 @@ def _with_bounces(facets: Facets, world: World, light: Array, lit: NDArray[np.bo
     bad = (at.facet < 0) | (2 * (hits == -2).sum(axis=1) > hits.shape[1])
     shine = GLOW * facets.glow[:, None] * sent * (facets.semantic != OUTSIDE)[:, None]
     facet_of = np.repeat(np.arange(len(lit), dtype=np.int32), np.diff(world.first))
-    total, back = light, np.zeros_like(soft)
+    out, back = light, np.zeros_like(soft)
     for bounce in range(BOUNCES + 1):
         both = soft + back
         fill(both, bad.copy(), at.size, at.first, 3)
-        total = spread(smooth(both, at.links, at.size, at.first), at.index, at.weight, light)
+        out = spread(smooth(both, at.links, at.size, at.first), at.index, at.weight)
         if bounce < BOUNCES:
-            back = collect(hits, facet_of, sent, shine, total)
-    return total
+            back = collect(hits, facet_of, sent, shine, light + out)
+    return out
+
+
+def _contact(facets: Facets, world: World, lit: NDArray[np.bool_]) -> Array:
+    """(T,) part of their light that floors, and what lies flat on them, lose to the furniture that stands there."""
+    height = facets.plane[:, 3] + facets.origin[2]
+    floor = lit & (facets.plane[:, 2] > 0.99) & (np.abs(height) < FLAT)
+    body = facets.semantic == FURNITURE
+    steps, rows = np.arange(8) + 0.5, []
+    for elevation, weight in ((20.0, 0.05), (45.0, 0.075)):
+        flat, angle = math.cos(math.radians(elevation)), steps * (math.pi / 4)
+        up, share = np.full(8, math.sin(math.radians(elevation))), np.full(8, weight)
+        rows.append(np.column_stack([flat * np.cos(angle), flat * np.sin(angle), up, share]))
+    directions = np.round(np.concatenate(rows), 7)
+    return CONTACT * contact(world.rays, floor, body, directions, REACH, world.step, world.size, world.first)
 
 
 def _lamps(facets: Facets, lamps: Sequence[Lamp]) -> Array:

@@ -21,6 +21,8 @@ STRIP = 0.15
 """What is narrower has one row of points, m."""
 MOST_POINTS = 400
 """Along a side of a lattice."""
+MOST = 800_000
+"""Points of a scene: where there would be more they lie farther apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,9 +60,9 @@ def make_surfaces(facets: Facets, world: World, lit: NDArray[np.bool_]) -> Surfa
     member_first = np.append(starts, len(members))
     surface = np.full(len(lit), -1, np.int64)
     surface[members] = np.repeat(np.arange(len(starts)), np.diff(member_first))
-    frames, size = _lattices(facets, world, members, starts, surface)
+    frames, size, stretch = _lattices(facets, world, members, starts, surface)
     first = np.concatenate([[0], np.cumsum(size.astype(np.int64).prod(axis=1))])
-    points, facet = settle(world.rays, frames, size, first, members, member_first, 1.5 * SPACING)
+    points, facet = settle(world.rays, frames, size, first, members, member_first, 1.5 * SPACING * stretch)
     level = np.abs(facets.plane[members[starts], 2]) > 0.9 if len(starts) else np.zeros(0, bool)
     check = level & ((size - 1) * FINE > BIG).any(axis=1)
     number = np.arange(first[-1]) - np.repeat(first[:-1], np.diff(first))
@@ -76,10 +78,13 @@ def make_surfaces(facets: Facets, world: World, lit: NDArray[np.bool_]) -> Surfa
 
 def _lattices(
     facets: Facets, world: World, members: NDArray[np.intp], starts: NDArray[np.intp], surface: NDArray[np.int64]
-) -> tuple[Array, NDArray[np.int32]]:
-    """(S, 3, 3) corner and steps of each lattice, along the axes of its largest facet, and (S, 2) columns and rows."""
+) -> tuple[Array, NDArray[np.int32], float]:
+    """(S, 3, 3) corner and steps of each lattice, along the axes of its largest facet, and (S, 2) columns and rows.
+
+    Also how much farther apart points are than they should be.
+    """
     if not len(starts):
-        return np.zeros((0, 3, 3)), np.zeros((0, 2), np.int32)
+        return np.zeros((0, 3, 3)), np.zeros((0, 2), np.int32), 1.0
     sheets = world.rays[0]
     area = (sheets[:, 12] * sheets[:, 13])[members]
     largest = np.empty(len(starts), np.int64)
@@ -93,11 +98,20 @@ def _lattices(
     low = np.minimum.reduceat(low, starts, axis=0)
     span = np.maximum.reduceat(high, starts, axis=0) - low
     floor = (facets.plane[largest, 2] > 0.9) & (span.max(axis=1) > BIG)
-    spacing = np.where(floor, FINE, SPACING)[:, None]
-    size = np.clip(np.rint(span / spacing) + 1, 2, MOST_POINTS).astype(np.int32)
-    size[(span < STRIP) | (span.max(axis=1) < SMALL)[:, None]] = 1
+    size, stretch = _sizes(span, np.where(floor, FINE, SPACING)[:, None])
     step = span / np.maximum(size - 1, 1)
     low += np.where(size == 1, span / 2, 0.0)
     normal = sheets[largest]
     corner = low[:, :1] * axes[:, 0] + low[:, 1:] * axes[:, 1] + normal[:, 3:4] * normal[:, :3]
-    return np.concatenate([corner[:, None], axes * step[..., None]], axis=1), size
+    return np.concatenate([corner[:, None], axes * step[..., None]], axis=1), size, stretch
+
+
+def _sizes(span: Array, spacing: Array) -> tuple[NDArray[np.int32], float]:
+    """Columns and rows of lattices with these spans (S, 2) m and spacings (S, 1) m, and the stretch of these."""
+    most, stretch = max(MOST, 5 * len(span)), 1.0  # none has more than four at last
+    while True:
+        size = np.clip(np.rint(span / (stretch * spacing)) + 1, 2, MOST_POINTS).astype(np.int32)
+        size[(span < STRIP) | (span.max(axis=1) < SMALL)[:, None]] = 1
+        if size.astype(np.int64).prod(axis=1).sum() <= most:
+            return size, stretch
+        stretch *= 1.25

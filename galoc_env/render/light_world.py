@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 
 CELL = 0.15
 """Edge of the grid's cells, m."""
-MOST_CELLS = 400_000
-"""Where a plan is so large that it would have more, cells are larger."""
+MOST_CELLS, CELLS_EACH = 400_000, 5
+"""Where a plan is so large that it would have more, and more than so many for each facet, cells are larger."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +54,8 @@ def make_world(facets: Facets) -> World:
     boxes = np.stack(extent(shape, 1), axis=1)
     low, high = boxes[:, 0].min(axis=0) - 0.1, boxes[:, 1].max(axis=0) + 0.1
     span = high - low
-    cell = max(CELL, float(np.cbrt(span[0] * span[1] * span[2] / MOST_CELLS)))
+    most = max(MOST_CELLS, CELLS_EACH * len(sheets))
+    cell = max(CELL, float(np.cbrt(span[0] * span[1] * span[2] / most)))
     cells = np.ceil(span / cell).astype(np.int64)
     first, items = fill_grid(sheets, boxes, low, cell, cells)
     rays = (sheets, facets.first, edges, low, cell, cells, first, items)

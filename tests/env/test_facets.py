@@ -129,6 +129,21 @@ def test_light_rectangles_cover_their_facets(home: tuple[Scene, Facets]) -> None
         assert abs(axes[0] @ axes[1]) < 1e-5 and np.abs(axes @ facets.plane[i, :3]).max() < 1e-5
 
 
+def test_light_texels_of_a_scene_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hundred sheets of 4 m in steps of 20 cm are 44 100 texels; at most 9000 leaves a spacing below 50 cm."""
+    x, y = (np.arange(10) * 5.0 for _ in range(2))
+    corner = np.array([(a, b, 0.0) for a in x for b in y])
+    points = (corner[:, None] + np.array([[0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]])).reshape(-1, 3)
+    faces = np.concatenate([4 * np.arange(100)[:, None] + [0, 1, 2], 4 * np.arange(100)[:, None] + [0, 2, 3]])
+    scene = soup(points, faces)
+    assert build_facets(scene).light_first[-1] == 100 * 21 * 21
+    monkeypatch.setattr("galoc_env.render.facets.MOST_LIGHT", 9000)
+    few = build_facets(scene)
+    assert 0.6 * 9000 < few.light_first[-1] <= 9000 and few.light_size.min() >= 4.0 / 0.5
+    monkeypatch.setattr("galoc_env.render.facets.MOST_LIGHT", 100)  # cannot be: each has four at least
+    assert build_facets(scene).light_first[-1] <= 5 * 100
+
+
 def test_clusters_hold_their_facets(home: tuple[Scene, Facets]) -> None:
     _, facets = home
     assert facets.cluster_first[0] == 0 and facets.cluster_first[-1] == len(facets.plane)

@@ -12,14 +12,14 @@ from test_furniture import turned_plan
 from test_scene import faces
 
 from galoc import Floorplan, GalocError
-from galoc_env import motion
-from galoc_env.furniture import AGENT_RADIUS
+from galoc_env import motion, scene_fittings
+from galoc_env.furniture import AGENT_RADIUS, Furniture
 from galoc_env.homes import generate
 from galoc_env.scene import build_scene
 from galoc_env.scene_doors import BARE_SHARE, THICKNESS, hang_leaves
-from galoc_env.scene_ground import Ground
+from galoc_env.scene_ground import Clutter, Ground
 from galoc_env.scene_lamps import HEAD_ROOM
-from galoc_env.scene_mesh import DOOR, FITTING, OUTSIDE, SEMANTIC_NAMES, WALL
+from galoc_env.scene_mesh import DOOR, FITTING, OUTSIDE, SEMANTIC_NAMES, WALL, WINDOW
 from galoc_env.scene_rooms import find_rooms
 from galoc_env.scene_styles import USES
 from galoc_env.scene_windows import GLOW
@@ -179,6 +179,8 @@ def test_fittings_stay_in_their_rooms_and_off_furniture(homes):
             middle = points[:, :2].mean(axis=0)
             assert space.inside[tuple(space.index(middle))] or shapely.distance(walls, shapely.Point(middle)) < 0.1
             for item in scene.furniture:
+                if item.flat:
+                    continue  # what stands at a wall may stand on a rug
                 inside = (item.distance(points[:, :2]) == 0.0) & (points[:, 2] < item.height - 0.01)
                 assert not inside.any()
 
@@ -195,6 +197,81 @@ def test_fittings_leave_windows_and_doors_free(homes):
             over = np.abs(local @ along) < door.width / 2 - 0.01
             near = np.abs(local @ [-along[1], along[0]]) < door.thickness / 2 + 0.2
             assert not (over & near & (points[:, 2] < door.top)).any()
+
+
+def test_things_on_the_floor_stop_nobody(homes):
+    """They stand where no body's centre gets to, on the floor, and there are more of them in a fuller home."""
+    count = []
+    for density in (0.3, 1.0):
+        standing = 0
+        for seed in range(3):
+            plan = generate(seed)
+            scene = build_scene(plan, furniture=density, seed=seed)
+            places = motion.walkable(plan, scene.obstacles).positions
+            triangles, instance = faces(scene, FITTING)
+            for number in np.unique(instance):
+                points = triangles[instance == number].reshape(-1, 3)
+                if points[:, 2].min() > 0.005 or points[:, 2].max() > 0.8:
+                    continue  # radiators stand on a pipe, and reach lower
+                standing += 1
+                hull = shapely.MultiPoint(points[:, :2]).convex_hull
+                assert shapely.distance(hull, shapely.points(places)).min() > 0.0
+        count.append(standing)
+    assert 0 < count[0] < 0.5 * count[1]
+
+
+def test_screens_hang_over_no_seat_and_only_once(monkeypatch):
+    """Where screens (sheets of "screen" on a wall) are all that is wanted: no room has two, nor one beside a stand."""
+    for wanted in scene_fittings._WANTED:
+        monkeypatch.setitem(scene_fittings._WANTED, wanted, {"tv": 1.0})
+    for seed in range(5):
+        plan = generate(seed)
+        scene = build_scene(plan, furniture=1.0, seed=seed)
+        rooms = find_rooms(plan, np.random.default_rng(0))
+        screens = []
+        for m in scene.meshes:
+            if m.name == "screen":
+                chosen = m.semantic == FITTING
+                for number in np.unique(m.instance[chosen]):
+                    screens.append(m.mesh.triangles[m.instance == number].reshape(-1, 3))
+        middles = np.array([points[:, :2].mean(axis=0) for points in screens]).reshape(-1, 2)
+        stands = [(item.x, item.y) for item in scene.furniture if item.kind == "tv_stand"]
+        where = rooms.at(middles).tolist() + sorted(set(rooms.at(np.array(stands).reshape(-1, 2)).tolist()))
+        inside = [room for room in where if room >= 0]
+        assert screens
+        assert len(inside) == len(set(inside))
+        for points in screens:
+            below = [item for item in scene.furniture if not item.flat and item.distance(points[:, :2]).min() < 0.1]
+            assert all(item.height <= 0.55 for item in below)
+
+
+def test_rugs_stop_nothing():
+    rug = Furniture("rug", 2.0, 2.0, 0.0, 2.0, 2.0, 0.015)
+    sofa = Furniture("sofa", 2.0, 2.0, 0.0, 2.0, 2.0, 0.8)
+    assert not Clutter([rug]).hits([(2.0, 2.0)], 0.0) and Clutter([sofa]).hits([(2.0, 2.0)], 0.0)
+    plan = turned_plan()
+    door = hang_leaves(plan, (), 0.0, np.random.default_rng(2))[0].box()
+    across = Furniture("rug", 5.0, 2.0, 0.0, 9.9, 3.9, 0.015)
+    assert Ground(plan, (across,)).place(door)
+
+
+def test_scuffs_lie_on_their_walls():
+    """At most 2 mm before the wall that their instance stands for, below a metre: of the wall, and darker than it."""
+    plan = generate(1)
+    found = 0
+    for density in (0.0, 1.0):
+        scene = build_scene(plan, furniture=density, seed=1)
+        for m in scene.meshes:
+            for k in np.flatnonzero(m.semantic == WALL):
+                x1, y1, x2, y2 = plan.segments[m.instance[k] - 1]
+                normal = np.array([y1 - y2, x2 - x1]) / math.hypot(x2 - x1, y2 - y1)
+                off = (m.mesh.triangles[k][:, :2] - (x1, y1)) @ normal
+                assert np.abs(off).max() < 0.002
+                if np.abs(off).min() > 0.001:
+                    found += 1
+                    assert density > 0.0 and m.mesh.triangles[k][:, 2].max() < 1.2
+                    assert m.tint[k].max() < 0.95
+    assert found > 4
 
 
 def test_mouldings_and_beams_stay_under_the_ceiling_of_their_room():
@@ -262,6 +339,23 @@ def test_windows_shine(homes):
         exposure.append(seen[0])
         assert np.ptp(seen) < 1e-5  # one day outside all windows
     assert 0.9 < min(exposure) and max(exposure) < 2.7
+
+
+def test_no_part_of_a_window_goes_through_its_pane(homes):
+    """Behind it is no light: a face that goes on there would be dark on this side too."""
+    for plan, scene in homes[:4]:
+        triangles, _ = faces(scene, WINDOW)
+        checked = 0
+        for pane in (o for o in plan.openings if o.kind == "window"):
+            normal = np.array([pane.y1 - pane.y2, pane.x2 - pane.x1]) / pane.width
+            middle = np.array([pane.x1 + pane.x2, pane.y1 + pane.y2]) / 2
+            mine = triangles[np.linalg.norm(triangles.mean(axis=1)[:, :2] - middle, axis=1) < pane.width / 2]
+            off = (mine[..., :2] - middle) @ normal
+            inner = mine[(np.abs(off).max(axis=1) < 0.5)]
+            off = (inner[..., :2] - middle) @ normal
+            assert not ((off.min(axis=1) < -1e-6) & (off.max(axis=1) > 1e-6)).any()
+            checked += len(inner)
+        assert checked > 100
 
 
 def test_rooms_have_uses(homes):

@@ -86,6 +86,14 @@ def test_a_knob_leaves_the_draws_of_the_others(knob: str) -> None:
     assert with_knob.bit_generator.state == without.bit_generator.state
 
 
+def test_no_exposure_is_further_off_than_two_standard_deviations() -> None:
+    """Of 400 draws some would be; the light then differs by 2 sd = 1 stop, half or twice, to the rounding of a code."""
+    got = np.array([decoded(Imaging(exposure=0.5).apply(flat(120), CAMERA, rng(s)))[0, 0, 0] for s in range(400)])
+    right = decoded(flat(120))[0, 0, 0]
+    assert got.min() == pytest.approx(right / 2, rel=0.02) and got.max() == pytest.approx(2 * right, rel=0.02)
+    assert np.mean(got > 1.98 * right) > 0.005
+
+
 def test_noise_does_not_move_the_exposure_nor_the_exposure_the_noise() -> None:
     exposed = decoded(Imaging(exposure=0.4).apply(flat(120), CAMERA, rng()))[0, 0, 0]
     both = decoded(Imaging(exposure=0.4, read_noise=0.01).apply(flat(120), CAMERA, rng()))

@@ -1,90 +1,18 @@
 """Baked light in small rooms where geometry says what it must be."""
 
-import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from light_room import HEIGHT, WHITE, Room, texels, window_room
 
-from galoc import Floorplan
-from galoc_env.homes import generate
-from galoc_env.render import light as light_module
 from galoc_env.render._light_kernel import CLOSE
 from galoc_env.render._light_pane_kernel import seen_share
-from galoc_env.render._light_ray_kernel import trace
-from galoc_env.render.facets import Facets, build_facets
-from galoc_env.render.light import AMBIENT, DAYLIGHT, bake, linear, lit
+from galoc_env.render.facets import Facets
+from galoc_env.render.light import AMBIENT, DAYLIGHT, bake
 from galoc_env.render.light_world import make_world
-from galoc_env.scene import Scene, build_scene
 from galoc_env.scene_light import Lamp, Sun
-from galoc_env.scene_mesh import CEILING, FLOOR, FURNITURE, OUTSIDE, WALL, WINDOW, MeshBuilder
-
-WHITE = (1.0, 1.0, 1.0)
-HEIGHT = 2.5
-
-
-class Room:
-    """Walls, floor and ceiling of rectangles, put together face by face."""
-
-    def __init__(self) -> None:
-        self.builder = MeshBuilder()
-
-    def sheet(self, origin, right, up, kind: int = FURNITURE, glow: float = 0.0, both: bool = False) -> int:  # type: ignore[no-untyped-def]
-        instance = self.builder.new_instance(kind)
-        o, r, u = (np.asarray(v, float) for v in (origin, right, up))
-        self.builder.add_quad("plaster", o, r, u, 1.0, instance, glow=glow)
-        if both:
-            self.builder.add_quad("plaster", o + r, -r, u, 1.0, instance, glow=glow)
-        return instance
-
-    def box(self, x0: float, y0: float, x1: float, y1: float, *, skip: str = "") -> dict[str, int]:
-        """The inner faces of a room; ``skip`` leaves out sides of "wesn"."""
-        w, d, h = x1 - x0, y1 - y0, HEIGHT
-        out = {
-            "floor": self.sheet((x0, y0, 0), (w, 0, 0), (0, d, 0), FLOOR),
-            "ceiling": self.sheet((x0, y1, h), (w, 0, 0), (0, -d, 0), CEILING),
-        }
-        sides = {
-            "w": ((x0, y0, 0), (0, d, 0)),
-            "e": ((x1, y1, 0), (0, -d, 0)),
-            "s": ((x1, y0, 0), (-w, 0, 0)),
-            "n": ((x0, y1, 0), (w, 0, 0)),
-        }
-        for name, (o, r) in sides.items():
-            if name not in skip:
-                out[name] = self.sheet(o, r, (0, 0, h), WALL)  # right x up points into the room
-        return out
-
-    def body(self, low, high) -> None:  # type: ignore[no-untyped-def]
-        """A closed box that stands in the room."""
-        (x0, y0, z0), (x1, y1, z1) = low, high
-        w, d, h = x1 - x0, y1 - y0, z1 - z0
-        self.sheet((x0, y0, z1), (w, 0, 0), (0, d, 0))
-        self.sheet((x0, y1, z0), (w, 0, 0), (0, -d, 0))
-        self.sheet((x0, y0, z0), (w, 0, 0), (0, 0, h))
-        self.sheet((x1, y1, z0), (-w, 0, 0), (0, 0, h))
-        self.sheet((x1, y0, z0), (0, d, 0), (0, 0, h))
-        self.sheet((x0, y1, z0), (0, -d, 0), (0, 0, h))
-
-    def facets(self) -> Facets:
-        plan = Floorplan.from_segments(np.array([[0, 0, 4, 0], [4, 0, 4, 3], [4, 3, 0, 0]], float), ceiling_height=2.5)
-        scene = Scene(plan, self.builder.finish(0), (), np.zeros((0, 4)), self.builder.semantics)
-        return build_facets(scene)
-
-
-def texels(facets: Facets, instance: int) -> tuple[np.ndarray, np.ndarray]:
-    """Places (K, 3) of an instance's texels, world frame, and their numbers (K,)."""
-    places, numbers = [], []
-    for i in np.flatnonzero(facets.instance == instance):
-        rows = facets.light[i, :, :3].astype(float)
-        c, r = (a.ravel() for a in np.meshgrid(*(np.arange(n) for n in facets.light_size[i])))
-        axes = rows / (rows**2).sum(axis=1, keepdims=True)
-        n, d = facets.plane[i, :3].astype(float), facets.plane[i, 3]
-        off = np.column_stack([c, r]) - facets.light[i, :, 3]
-        places.append(off @ axes + d * n + facets.origin)
-        numbers.append(facets.light_first[i] + np.arange(len(c)))
-    return np.concatenate(places), np.concatenate(numbers)
+from galoc_env.scene_mesh import CEILING, FLOOR, WALL, WINDOW
 
 
 def test_a_lamp_by_the_formula() -> None:
@@ -145,16 +73,6 @@ def test_a_symmetric_room_has_symmetric_light() -> None:
     places, numbers = texels(facets, parts["floor"])
     there = np.array([np.argmin(np.abs(places - (4 - p[0], 4 - p[1], 0)).sum(axis=1)) for p in places])
     np.testing.assert_allclose(light[numbers], light[numbers][there], rtol=0.08)
-
-
-def window_room() -> tuple[Room, dict[str, int], int]:
-    """5 x 4 m with a window in the west wall: 1.2 m wide, from 0.9 to 2.1 m, in the plane of the wall."""
-    room = Room()
-    parts = room.box(0, 0, 5, 4, skip="w")
-    for y0, y1, z0, z1 in ((0, 4, 0, 0.9), (0, 4, 2.1, HEIGHT), (0, 1.4, 0.9, 2.1), (2.6, 4, 0.9, 2.1)):
-        room.sheet((0, y0, z0), (0, y1 - y0, 0), (0, 0, z1 - z0), WALL)
-    pane = room.sheet((0, 1.4, 0.9), (0, 1.2, 0), (0, 0, 1.2), OUTSIDE, glow=1.0)
-    return room, parts, pane
 
 
 def turned(facets: Facets, instance: int) -> np.ndarray:
@@ -342,77 +260,20 @@ def test_the_foot_of_a_body_is_no_black_spot() -> None:
     assert light[numbers[near]].min() > 0.35 * light[numbers].max()
 
 
-def test_the_first_facet_of_random_rays(rng: np.random.Generator) -> None:
-    """The grid finds what a look at every facet finds."""
-    facets = build_facets(build_scene(generate(2), furniture=0.6, seed=2))
-    world = make_world(facets)
-    low, high = facets.vertices.min(axis=0), facets.vertices.max(axis=0)
-    n, d = facets.plane[:, :3].astype(float), facets.plane[:, 3].astype(float)
-    hit = 0
-    for _ in range(200):
-        o, ray = rng.uniform(low, high), rng.normal(size=3)
-        ray /= np.linalg.norm(ray)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t = (d - n @ o) / (n @ ray)
-        best = np.inf
-        for i in np.flatnonzero((t > 1e-6) & (t < 100)):
-            q = facets.vertices[facets.first[i] : facets.first[i + 1]].astype(float)
-            inside = np.cross(np.roll(q, -1, axis=0) - q, o + t[i] * ray - q) @ n[i]
-            best = min(best, t[i]) if (inside >= 0).all() else best
-        f, got = trace(world.rays, o[0], o[1], o[2], ray[0], ray[1], ray[2], 1e3, False)
-        assert (f < 0) == np.isinf(best)
-        if f >= 0:
-            hit += 1
-            assert got == pytest.approx(best, abs=2e-4)  # m: rays past edges may meet the one or the other face
-    assert hit > 100
-
-
-def test_homes_are_bright_and_the_same_every_time() -> None:
-    scene = build_scene(generate(1), furniture=0.4, seed=1)
-    facets = build_facets(scene)
-    first, second = (bake(facets, scene.lamps, scene.sun, 0.6) for _ in range(2))
-    assert first.tobytes() == second.tobytes()
-    assert first.shape == (facets.light_first[-1], 3) and np.isfinite(first).all() and first.min() >= 0
-    facet = np.repeat(np.arange(len(facets.plane)), np.diff(facets.light_first))
-    walls = first[(facets.semantic[facet] == WALL)].mean(axis=1)
-    assert 0.3 < np.median(walls[walls > 0]) < 1.0
-    assert (first[facets.glow[facet] > 0] == 0).all()
-
-
-def test_light_is_kept_in_memory_and_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("GALOC_CACHE", str(tmp_path))
-    scene = build_scene(generate(2), furniture=0.0, seed=2)
-    light_module._recent.clear()
-    _, light = lit(scene)
-    assert lit(scene)[1] is light
-    assert len(list(tmp_path.glob("*.galoc"))) == 1
-    light_module._recent.clear()
-    with monkeypatch.context() as patch:
-        patch.setattr(light_module, "bake", lambda *_: pytest.fail("computed again"))
-        again = lit(scene)[1]
-    assert again.tobytes() == light.tobytes() and not again.flags.writeable
-    dull = dataclasses.replace(scene, lamps=scene.lamps[:-1])
-    assert lit(dull)[1].tobytes() != light.tobytes()
-    monkeypatch.setenv("GALOC_CACHE", "off")
-    light_module._recent.clear()
-    assert lit(scene)[1].tobytes() == light.tobytes()
-
-
-def test_only_so_many_scenes_stay_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(light_module, "_RECENT", 2)
-    room, _, _ = window_room()
-    plan = Floorplan.from_segments(np.array([[0, 0, 4, 0], [4, 0, 4, 3], [4, 3, 0, 0]], float), ceiling_height=2.5)
-    scene = Scene(plan, room.builder.finish(0), (), np.zeros((0, 4)), room.builder.semantics)
-    for k in range(4):
-        lit(dataclasses.replace(scene, lamps=(Lamp(1.0 + k / 2, 2, 2, WHITE),)))
-    assert len(light_module._recent) == 2
-
-
-def test_linear_light() -> None:
-    c = np.linspace(0, 1, 101)
-    exact = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
-    np.testing.assert_allclose(linear(c), exact, atol=0.005)
-
-
-def test_a_scene_without_faces() -> None:
-    assert bake(Room().facets(), [Lamp(0, 0, 2, WHITE)], None).shape == (0, 3)
+def test_what_stands_on_a_floor_darkens_it() -> None:
+    """On the side of a cupboard that the lamp shines on: a little beside it, not at all from half a metre on."""
+    light = []
+    for stands in (False, True):
+        room = Room()
+        floor = room.box(0, 0, 4, 4)["floor"]
+        if stands:
+            room.body((0.0, 1.0, 0.0), (0.5, 3.0, 2.0))
+        facets = room.facets()
+        places, numbers = texels(facets, floor)
+        light.append(bake(facets, [Lamp(3, 2, 2.2, WHITE)], None, 0.0)[numbers][:, 0] - AMBIENT)
+    before = np.abs(places[:, 1] - 2.0) < 0.7
+    near, far = (before & (np.abs(places[:, 0] - x) < 0.09) for x in (0.6, 1.2))
+    assert near.sum() > 4 and far.sum() > 4
+    ratio = light[1] / light[0]
+    assert 0.6 < ratio[near].min() and ratio[near].max() < 0.95
+    np.testing.assert_allclose(ratio[far], 1.0, atol=0.02)  # rays look for what is near, and dim the light everywhere

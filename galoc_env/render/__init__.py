@@ -20,7 +20,7 @@ RENDERERS = ("raster", "gl")
 """Names that :func:`make_renderer` knows."""
 
 NEAR, FAR = 0.05, 250.0
-"""What is nearer or farther than this is not drawn, m."""
+"""What is nearer or farther than this "gl" does not draw, m; "raster" draws from 5 mm on, and everything."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,10 +88,13 @@ def world_from_camera(pose: ArrayLike, height_m: float, gravity: ArrayLike) -> N
     Raises:
         GalocError: not finite, or tilted beyond 85 degrees.
     """
-    values = np.asarray(pose, dtype=np.float64)
+    try:
+        values = np.asarray(pose, dtype=np.float64)
+    except (TypeError, ValueError):
+        values = np.full(3, np.nan)
     if values.shape != (3,) or not np.all(np.isfinite(values)):
         raise GalocError(f"pose = {pose!r}", "x, y in metres and heading in radians, finite", "Pass (x, y, heading).")
-    if not math.isfinite(height_m):
+    if not isinstance(height_m, int | float | np.number) or not math.isfinite(height_m):
         raise GalocError(f"height_m = {height_m!r}", "the camera's height in metres", "Pass 1.4, say.")
     c, s = math.cos(values[2]), math.sin(values[2])
     world_from_level = np.array([[s, 0.0, c], [-c, 0.0, s], [0.0, -1.0, 0.0]])

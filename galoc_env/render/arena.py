@@ -59,12 +59,18 @@ class Arena:
         self._lock = threading.Lock()
 
     def add(self, scene: Scene) -> int:
-        """Number of a home, which is prepared and lit when it is new."""
+        """Number of a home, which is prepared and lit when it is new.
+
+        Raises:
+            GalocError: nothing in it, or a face that is not finite.
+        """
         known = self._number.get(id(scene))
         if known is not None:
             return known[1]
         from galoc_env.render.light import lit
 
+        if not any(len(mesh.instance) for mesh in scene.meshes):
+            raise GalocError("a scene without faces", "something to draw", "Build it with build_scene(plan).")
         facets, light = lit(scene)
         with self._lock:
             number, self._next = self._next, self._next + 1

@@ -63,12 +63,15 @@ def _checked(pose: ArrayLike, height_m: float, gravity: ArrayLike) -> tuple[Arra
     Raises:
         GalocError: not finite, or tilted beyond 85 degrees.
     """
-    views = (
-        np.array(pose, np.float64, ndmin=2),
-        np.array([height_m], np.float64),
-        np.array(gravity, np.float64, ndmin=2),
-    )
-    if views[0].shape == (1, 3) and views[2].shape == (1, 2):
+    try:
+        views = (
+            np.array(pose, np.float64, ndmin=2),
+            np.array([height_m], np.float64),
+            np.array(gravity, np.float64, ndmin=2),
+        )
+    except (TypeError, ValueError):
+        views = None
+    if views is not None and views[0].shape == (1, 3) and views[2].shape == (1, 2):
         x, y, heading = views[0][0].tolist()
         roll, pitch = views[2][0].tolist()
         if math.isfinite(x + y + heading + views[1][0]) and abs(roll) <= MAX_TILT and abs(pitch) <= MAX_TILT:

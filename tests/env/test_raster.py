@@ -77,7 +77,7 @@ def cast(scene, view, camera, pixels):
     hit = np.all([v <= 0 for v in volumes], axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.where(hit, (a * normal).sum(axis=1) / (rays @ normal.T), np.inf)
-    depth[depth < 0.05] = np.inf
+    depth[depth < 0.005] = np.inf
     nearest = depth.argmin(axis=1)
     return depth[np.arange(len(rays)), nearest], instance[nearest]
 
@@ -117,6 +117,8 @@ def compare_with_gl(plans, poses, size):
         mine = make_renderer("raster", scene, camera, quality="fast")
         for view in views(scene, poses, seed=number):
             a, b = mine.render(*view), theirs.render(*view)
+            if a.depth.min() < 0.06:
+                continue  # a lamp's shade before the lens: gl cuts off what is nearer than 5 cm
             inside = ~edges(a.instance, b.instance)
             wrong += np.count_nonzero((a.instance != b.instance) & inside)
             total += np.count_nonzero(inside)
@@ -153,7 +155,7 @@ def test_no_hole_at_any_tilt(scene, view):
     """In closed rooms every pixel sees something, straight up and down included."""
     frame = draw(scene, view, Camera.from_hfov(160, 120, 120))
     assert np.all(frame.instance > 0)
-    assert np.all(np.isfinite(frame.depth)) and frame.depth.min() >= 0.0499
+    assert np.all(np.isfinite(frame.depth)) and frame.depth.min() > 0.00499
 
 
 def test_a_wall_through_the_near_plane(scene):
@@ -162,6 +164,9 @@ def test_a_wall_through_the_near_plane(scene):
     assert np.all(frame.instance > 0)
     assert np.all(frame.instance[36, :20] == frame.instance[36, 5])  # the wall at x = 0 to the left
     assert frame.depth[36, 0] < 0.3
+    ahead = draw(scene, ((0.01, 2.0, math.pi), 1.4, (0.0, 0.0)))  # 1 cm from it, facing it
+    assert np.all(ahead.instance[30:50, 30:60] == frame.instance[36, 5])
+    np.testing.assert_allclose(ahead.depth[30:50, 30:60], 0.01, atol=1e-4)
 
 
 def test_inside_furniture(scene):
@@ -294,6 +299,8 @@ def test_views_are_checked_and_closed_renderers_say_so(scene):
         ((1.0, 1.0, 0.0), 1.4, (0.0, 1.6)),
         ((1.0, 1.0, 0.0), 1.4, (math.nan, 0.0)),
         (((1.0, 1.0, 0.0), (1.0, 1.0, 0.0)), 1.4, (0.0, 0.0)),
+        (("a", 1.0, 0.0), 1.4, (0.0, 0.0)),
+        ((1.0, 1.0, 0.0), None, (0.0, 0.0)),
     ):
         with pytest.raises(GalocError):
             renderer.render(*view)
@@ -303,6 +310,8 @@ def test_views_are_checked_and_closed_renderers_say_so(scene):
         renderer.render((1.0, 1.0, 0.0), 1.4, (0.0, 0.0))
     with pytest.raises(GalocError, match="quality"):
         make_renderer("raster", scene, CAMERA, quality="superb")
+    with pytest.raises(GalocError, match="without faces"):
+        make_renderer("raster", dataclasses.replace(scene, meshes=()), CAMERA)
 
 
 def arena_of(scenes, quality="default"):

@@ -21,6 +21,8 @@ TINY = {
     "matching": ["--plans", "apartment", "--frames", "4", "--resolution", "0.05", "--steps", "0.1"],
     "startup": ["--plans", "apartment", "--runs", "1"],
     "heat_maps": ["--resolution", "0.05"],
+    "light": ["--homes", "1"],
+    "contact_sheet": ["--count", "2", "--width", "64"],
     "render": ["--sizes", "32x24", "--poses", "4", "--rounds", "2", "--slice-s", "0.001"],
     "env": ["--renderer", "none", "--sizes", "32x24", "--vector-size", "32x24", "--lanes", "1", "2", "--rounds", "1",
             "--slice-s", "0.001", "--localizers", "none", "--kinds", "single", "sync", "batch", "miniworld"],
@@ -212,3 +214,15 @@ def test_only_open_tasks_are_run(common: ModuleType, tmp_path: Path) -> None:
     assert calls[4:] == [10]
     with pytest.raises(GalocError, match="jobs"):
         common.resumable(work, [10], **{**args, "jobs": 0})
+
+
+def test_tiny_runs_of_light_and_contact_sheet(repo: Path, tmp_path: Path) -> None:
+    done = run(repo, "light", tmp_path / "light")
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads((tmp_path / "light.json").read_text())["rows"]
+    assert row["facets"] < row["triangles"]
+    assert row["all"] == pytest.approx(sum(row[stage] for stage in ("build scene", "merge facets", "light"))
+                                       + row["arrays and textures"])  # fmt: skip
+    done = run(repo, "contact_sheet", tmp_path / "sheet")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "sheet.jpg").read_bytes()[:3] == b"\xff\xd8\xff"

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from galoc_env.render._lanes import LANES
 from galoc_env.render._shading_kernel import level_start
 from galoc_env.render.textures import digest, length, packed
-from galoc_env.scene_mesh import FLOOR
+from galoc_env.scene.mesh import FLOOR
 
 if TYPE_CHECKING:
     from galoc_env.render.facets import Facets
     from galoc_env.scene import Scene
-    from galoc_env.scene_mesh import SceneMesh
+    from galoc_env.scene.mesh import SceneMesh
 
 Arrays = tuple[NDArray, ...]
 

@@ -53,7 +53,7 @@ class Facets:
     instance: NDArray[np.int32]
     """(N,): from 1."""
     semantic: NDArray[np.int8]
-    """(N,): class, as in ``galoc_env.scene_mesh``."""
+    """(N,): class, as in ``galoc_env.scene.mesh``."""
     light: NDArray[np.float32]
     """(N, 2, 4): column and row at p in the facet's own rectangle of light texels are light[:, :, :3] @ p +
     light[:, :, 3]. Texel centres are at integers, and the rectangle covers the facet: 0 <= column <= columns - 1."""

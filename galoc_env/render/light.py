@@ -22,8 +22,8 @@ from galoc_env.render.facet_build import dot
 from galoc_env.render.facets import Facets, build_facets
 from galoc_env.render.light_surfaces import make_surfaces
 from galoc_env.render.light_world import World, make_world
-from galoc_env.scene_light import Lamp, Sun
-from galoc_env.scene_mesh import CEILING, FURNITURE, OUTSIDE, WALL
+from galoc_env.scene.light import Lamp, Sun
+from galoc_env.scene.mesh import CEILING, FURNITURE, OUTSIDE, WALL
 
 if TYPE_CHECKING:
     from galoc_env.scene import Scene

@@ -12,7 +12,7 @@ from galoc_env.render._light_ray_kernel import fill_grid
 from galoc_env.render.facet_build import dot
 from galoc_env.render.facet_layout import extent, padded
 from galoc_env.render.facets import Facets
-from galoc_env.scene_mesh import OUTSIDE
+from galoc_env.scene.mesh import OUTSIDE
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ import numpy as np
 from galoc import Floorplan
 from galoc_env.render.facets import Facets, build_facets
 from galoc_env.scene import Scene
-from galoc_env.scene_mesh import CEILING, FLOOR, FURNITURE, OUTSIDE, WALL, MeshBuilder
+from galoc_env.scene.mesh import CEILING, FLOOR, FURNITURE, OUTSIDE, WALL, MeshBuilder
 
 WHITE = (1.0, 1.0, 1.0)
 HEIGHT = 2.5

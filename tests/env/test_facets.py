@@ -10,7 +10,7 @@ from galoc import Floorplan, GalocError
 from galoc_env.homes import generate
 from galoc_env.render.facets import MOST_CORNERS, Facets, build_facets
 from galoc_env.scene import Scene, build_scene
-from galoc_env.scene_mesh import FURNITURE, WALL, MeshBuilder, SceneMesh
+from galoc_env.scene.mesh import FURNITURE, WALL, MeshBuilder, SceneMesh
 
 ROOM = np.array([[0, 0, 4, 0], [4, 0, 4, 3], [4, 3, 0, 3], [0, 3, 0, 0]], float)
 

@@ -16,13 +16,13 @@ from galoc_env import motion, scene_fittings
 from galoc_env.furniture import AGENT_RADIUS, Furniture
 from galoc_env.homes import generate
 from galoc_env.scene import build_scene
-from galoc_env.scene_doors import BARE_SHARE, THICKNESS, hang_leaves
-from galoc_env.scene_ground import Clutter, Ground
-from galoc_env.scene_lamps import HEAD_ROOM
-from galoc_env.scene_mesh import DOOR, FITTING, OUTSIDE, SEMANTIC_NAMES, WALL, WINDOW
-from galoc_env.scene_rooms import find_rooms
-from galoc_env.scene_styles import USES
-from galoc_env.scene_windows import GLOW
+from galoc_env.scene.doors import BARE_SHARE, THICKNESS, hang_leaves
+from galoc_env.scene.ground import Clutter, Ground
+from galoc_env.scene.lamps import HEAD_ROOM
+from galoc_env.scene.mesh import DOOR, FITTING, OUTSIDE, SEMANTIC_NAMES, WALL, WINDOW
+from galoc_env.scene.rooms import find_rooms
+from galoc_env.scene.styles import USES
+from galoc_env.scene.windows import GLOW
 
 SEEDS = range(8)
 

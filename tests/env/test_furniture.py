@@ -13,15 +13,15 @@ from scipy.ndimage import label
 from galoc import Floorplan, GalocError
 from galoc.floorplan import Opening
 from galoc_env.furniture import AGENT_RADIUS, DOOR_CLEARANCE, KINDS, MAX_ITEMS, Furniture, furnish
-from galoc_env.furniture_kinds import KINDS_BY_NAME
-from galoc_env.furniture_space import random_size
+from galoc_env.furniture.kinds import KINDS_BY_NAME
+from galoc_env.furniture.space import random_size
 from galoc_env.homes import generate
 from galoc_env.scene import build_scene
-from galoc_env.scene_furniture import DRAW
-from galoc_env.scene_furniture_palette import Look, draw_stock
-from galoc_env.scene_light import Lighting
-from galoc_env.scene_mesh import FURNITURE, MeshBuilder, SceneMesh
-from galoc_env.scene_solids import SolidPainter
+from galoc_env.scene.furniture import DRAW
+from galoc_env.scene.furniture_palette import Look, draw_stock
+from galoc_env.scene.light import Lighting
+from galoc_env.scene.mesh import FURNITURE, MeshBuilder, SceneMesh
+from galoc_env.scene.solids import SolidPainter
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from galoc_env.render._light_pane_kernel import seen_share
 from galoc_env.render.facets import Facets
 from galoc_env.render.light import AMBIENT, DAYLIGHT, bake
 from galoc_env.render.light_world import make_world
-from galoc_env.scene_light import Lamp, Sun
-from galoc_env.scene_mesh import CEILING, FLOOR, WALL, WINDOW
+from galoc_env.scene.light import Lamp, Sun
+from galoc_env.scene.mesh import CEILING, FLOOR, WALL, WINDOW
 
 
 def test_a_lamp_by_the_formula() -> None:

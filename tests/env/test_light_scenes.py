@@ -18,8 +18,8 @@ from galoc_env.render.light import AMBIENT, bake, linear, lit
 from galoc_env.render.light_surfaces import make_surfaces
 from galoc_env.render.light_world import make_world
 from galoc_env.scene import build_scene
-from galoc_env.scene_light import Lamp
-from galoc_env.scene_mesh import WALL
+from galoc_env.scene.light import Lamp
+from galoc_env.scene.mesh import WALL
 
 
 def test_the_first_facet_of_random_rays(rng: np.random.Generator) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from galoc_env.materials import NAMES, SIZE, material
-from galoc_env.materials_noise import Canvas
+from galoc_env.materials.noise import Canvas
 
 NOT_REPEATED_UPWARDS = ("mirror", "outdoors")
 """Top and bottom differ by their nature: a room has floor and ceiling, and the outdoors sky and ground."""
@@ -89,7 +89,7 @@ def test_noise_is_periodic_and_never_the_same_twice():
 
 def test_noise_is_shared():
     """A texture costs less than the noise fields of the bank would, by a wide margin."""
-    from galoc_env.materials_noise import _bank
+    from galoc_env.materials.noise import _bank
 
     material("plaster", 0)
 

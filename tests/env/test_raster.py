@@ -23,7 +23,7 @@ from galoc_env.render import make_renderer, world_from_camera
 from galoc_env.render._gloss_kernel import mirror
 from galoc_env.render.arena import Arena
 from galoc_env.scene import build_scene
-from galoc_env.scene_mesh import FLOOR
+from galoc_env.scene.mesh import FLOOR
 
 CAMERA = Camera.from_hfov(96, 72, 100)
 OFF_CENTRE = Camera(75, 61, 44.0, 40.0, 30.3, 33.7)

@@ -17,7 +17,7 @@ from test_scene import house
 from galoc import Camera, Floorplan, GalocError
 from galoc_env.render import Frame, make_renderer, world_from_camera
 from galoc_env.scene import build_scene
-from galoc_env.scene_mesh import CEILING, FITTING, FLOOR, OUTSIDE, WALL
+from galoc_env.scene.mesh import CEILING, FITTING, FLOOR, OUTSIDE, WALL
 
 CAMERA = Camera.from_hfov(160, 120, 108)
 OFF_CENTRE = Camera(150, 111, 90.0, 84.0, 60.3, 61.7)

@@ -11,9 +11,9 @@ from galoc import Floorplan, GalocError
 from galoc.floorplan import Opening
 from galoc_env.materials import NAMES, material
 from galoc_env.scene import Scene, build_scene
-from galoc_env.scene_mesh import CEILING, DOOR, FLOOR, FURNITURE, OUTSIDE, WALL, WINDOW
-from galoc_env.scene_rooms import MARGIN, find_rooms
-from galoc_env.scene_walls import OVERLAP
+from galoc_env.scene.mesh import CEILING, DOOR, FLOOR, FURNITURE, OUTSIDE, WALL, WINDOW
+from galoc_env.scene.rooms import MARGIN, find_rooms
+from galoc_env.scene.walls import OVERLAP
 
 PLANS = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "plans"
 THICK = 0.3

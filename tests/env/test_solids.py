@@ -7,12 +7,12 @@ import pytest
 
 from galoc import Floorplan
 from galoc_env.furniture import KINDS, Furniture
-from galoc_env.furniture_kinds import KINDS_BY_NAME
-from galoc_env.scene_furniture import DRAW, add_furniture
-from galoc_env.scene_light import Lighting
-from galoc_env.scene_mesh import FURNITURE, MeshBuilder
-from galoc_env.scene_rooms import find_rooms
-from galoc_env.scene_solids import SolidPainter
+from galoc_env.furniture.kinds import KINDS_BY_NAME
+from galoc_env.scene.furniture import DRAW, add_furniture
+from galoc_env.scene.light import Lighting
+from galoc_env.scene.mesh import FURNITURE, MeshBuilder
+from galoc_env.scene.rooms import find_rooms
+from galoc_env.scene.solids import SolidPainter
 
 PLAN = Floorplan.from_segments([[0, 0, 6, 0], [6, 0, 6, 5], [6, 5, 0, 5], [0, 5, 0, 0]])
 ROOMS = find_rooms(PLAN, np.random.default_rng(0))

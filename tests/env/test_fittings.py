@@ -12,10 +12,10 @@ from test_furniture import turned_plan
 from test_scene import faces
 
 from galoc import Floorplan, GalocError
-from galoc_env import motion, scene_fittings
+from galoc_env import motion
 from galoc_env.furniture import AGENT_RADIUS, Furniture
 from galoc_env.homes import generate
-from galoc_env.scene import build_scene
+from galoc_env.scene import build_scene, fittings
 from galoc_env.scene.doors import BARE_SHARE, THICKNESS, hang_leaves
 from galoc_env.scene.ground import Clutter, Ground
 from galoc_env.scene.lamps import HEAD_ROOM
@@ -222,8 +222,8 @@ def test_things_on_the_floor_stop_nobody(homes):
 
 def test_screens_hang_over_no_seat_and_only_once(monkeypatch):
     """Where screens (sheets of "screen" on a wall) are all that is wanted: no room has two, nor one beside a stand."""
-    for wanted in scene_fittings._WANTED:
-        monkeypatch.setitem(scene_fittings._WANTED, wanted, {"tv": 1.0})
+    for wanted in fittings._WANTED:
+        monkeypatch.setitem(fittings._WANTED, wanted, {"tv": 1.0})
     for seed in range(5):
         plan = generate(seed)
         scene = build_scene(plan, furniture=1.0, seed=seed)

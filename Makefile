@@ -6,7 +6,7 @@ export PYTHON
 .NOTPARALLEL: # package and dev write the same .venv
 
 # Starts with a wrong guess in another room, so that one sees the belief collapse.
-SEED ?= 8
+SEED ?= 0
 STEPS ?= 60
 PLAN ?= apartment
 
@@ -16,7 +16,7 @@ help: ## list the targets
 
 setup: dev system ## everything needed to run and test galoc, in .venv
 
-demo: package ## walk a home and localize; pictures in runs/demo (PLAN=apartment SEED=8 STEPS=60)
+demo: package ## walk a home and localize; pictures in runs/demo (PLAN=apartment SEED=0 STEPS=60)
 	@.venv/bin/galoc-env demo --plan "$(PLAN)" --steps "$(STEPS)" --seed "$(SEED)" --out runs/demo
 
 test: dev system ## the tests, without those that take minutes

@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 
-@pytest.mark.parametrize(("page", "examples"), [("README.md", 2), ("docs/matching.md", 1)])
+@pytest.mark.parametrize(("page", "examples"), [("README.md", 2), ("docs/matching.md", 1), ("docs/rendering.md", 1)])
 def test_examples_print_what_they_say(page: str, examples: int) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```\n(?:\n```text\n(.*?)```)?", text, re.DOTALL)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from galoc_env.render._light_ray_kernel import LEAN, place, trace
+from galoc_env.render._light_ray_kernel import LEAN, aim, place, trace
 
 
 @njit(cache=True)
@@ -44,10 +44,7 @@ def look_round(world, points, facet, fan, directions, few, step, size, first, li
                 hits[m, i] = hits[m, i - 1]
                 openness[m] += reach / rays
                 continue
-            a, b, h = directions[fan[m], i, 0], directions[fan[m], i, 1], directions[fan[m], i, 2]
-            dx = a * s[4] + b * s[8] + h * s[0]
-            dy = a * s[5] + b * s[9] + h * s[1]
-            dz = a * s[6] + b * s[10] + h * s[2]
+            dx, dy, dz = aim(s, directions[fan[m], i])
             g, t = trace(world, p[0], p[1], p[2], dx, dy, dz, 1e3, False)
             reach = min(1.0, t)
             openness[m] += reach / rays
@@ -125,10 +122,7 @@ def contact(world, floor, bodies, directions, reach, step, size, first):  # type
             p = place(world, f, (k % size[f, 0]) * step[f, 0], (k // size[f, 0]) * step[f, 1], s[16])
             near = 0.0
             for i in range(directions.shape[0]):
-                a, b, h = directions[i, 0], directions[i, 1], directions[i, 2]
-                dx = a * s[4] + b * s[8] + h * s[0]
-                dy = a * s[5] + b * s[9] + h * s[1]
-                dz = a * s[6] + b * s[10] + h * s[2]
+                dx, dy, dz = aim(s, directions[i])
                 g, t = trace(world, p[0], p[1], p[2], dx, dy, dz, reach, False)
                 if g >= 0 and bodies[g]:
                     near += directions[i, 3] * (1.0 - t / reach)

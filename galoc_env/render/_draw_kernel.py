@@ -47,7 +47,7 @@ def picture(  # type: ignore[no-untyped-def]
 ):
     """One picture; ``plain`` is None for smooth edges and textures. The kernels are compiled for both."""
     used = visible(view, width, height, stride, home, scene, work)
-    work[11][:used] = False
+    work.ready[:used] = False
     shade(view, width, height, stride, finest, plain, scene, work, rgb, depth, instance, semantic)
     if plain is None:
         smooth(width, height, stride, work, rgb)
@@ -78,8 +78,8 @@ def draw(first, last, lanes, camera, size, homes, scene, work, outputs):  # type
         camera: (4,) fx, fy, cx, cy.
         size: width, height, length of a buffer's row; 0 for plain edges, 1 for smooth ones, 2 for a picture that is
             also drawn twice as fine and averaged, with glossy floors; largest mip level that textures have.
-        homes: first and last cluster (H, 2), origin (H, 3), whether a floor is glossy (H,).
-        scene: arrays of all homes, see ``galoc_env.render.drawable``.
+        homes: ``Homes``, and
+        scene: ``SceneArrays``, both of ``galoc_env.render.drawable``.
         work: buffers, see ``galoc_env.render.workspace``.
         outputs: rgb (L, H * W * 3), depth, instance and semantic (L, H * W), the last three empty when not wanted.
     """
@@ -90,8 +90,8 @@ def draw(first, last, lanes, camera, size, homes, scene, work, outputs):  # type
     with_ids = depth.shape[1] + instance.shape[1] + semantic.shape[1] > 0
     for lane in range(first, last):
         home = which[lane]
-        look(poses[lane], heights[lane], gravities[lane], homes[1][home], camera, view)
-        clusters = homes[0][home]
+        look(poses[lane], heights[lane], gravities[lane], homes.origin[home], camera, view)
+        clusters = homes.clusters[home]
         maps = depth[lane], instance[lane], semantic[lane]
         if quality == 1:
             picture(view, width, height, stride, finest, clusters, scene, work, None, rgb[lane], *maps)
@@ -100,14 +100,13 @@ def draw(first, last, lanes, camera, size, homes, scene, work, outputs):  # type
         if quality == 2:
             for k in range(4):  # pixel i becomes the pixels 2 i and 2 i + 1
                 view[12 + k] = 2.0 * camera[k] + (0.5 if k > 1 else 0.0)
-            w, h, wide, floor = 2 * width, 2 * height, -(-2 * width // 16) * 16, -homes[1][home, 2]
+            w, h, wide, floor = 2 * width, 2 * height, -(-2 * width // 16) * 16, -homes.origin[home, 2]
             maps = depth[lane, :0], instance[lane, :0], semantic[lane, :0]
-            glossy = homes[2][home] and view[11] > floor + 0.05
+            glossy = homes.glossy[home] and view[11] > floor + 0.05
             if glossy:
                 mirror(view, floor, below)
-                picture(below, w, h, wide, finest, clusters, scene, work, True, work[18], *maps)
-            picture(view, w, h, wide, finest, clusters, scene, work, None, work[15], *maps)
+                picture(below, w, h, wide, finest, clusters, scene, work, True, work.reflection, *maps)
+            picture(view, w, h, wide, finest, clusters, scene, work, None, work.fine, *maps)
             if glossy:
-                work[17][0] = view[11] - floor
-                reflect(view, w, h, wide, scene[2], work, work[18], work[15])
-            halve(width, height, work[15], rgb[lane])
+                reflect(view, w, h, wide, floor, scene.numbers, work, work.fine)
+            halve(width, height, work.fine, rgb[lane])

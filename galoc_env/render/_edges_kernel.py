@@ -79,7 +79,7 @@ def mix(rgb, to, beside, weight):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, error_model="numpy")
 def smooth(width, height, stride, work, rgb):  # type: ignore[no-untyped-def]
     """Smooth the edges of a picture (H * W * 3,) that ``shade`` has written."""
-    slots, planes, outlines = work[1], work[3], work[14]
+    slots, planes, outlines = work.slots, work.planes, work.outlines
     for y in range(height):
         for axis in range(2):  # this row's neighbours side by side, then those above
             top = y - axis

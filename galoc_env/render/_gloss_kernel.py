@@ -25,22 +25,23 @@ def mirror(view, floor, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def reflect(view, width, height, stride, index, work, reflection, rgb):  # type: ignore[no-untyped-def]
-    """Blend a reflection (H * W * 3,) into the glossy pixels of a picture whose buffers are still in ``work``."""
-    slots, planes, facet_of = work[1], work[3], work[4]
+def reflect(view, width, height, stride, floor, numbers, work, rgb):  # type: ignore[no-untyped-def]
+    """Blend ``work.reflection`` into the glossy pixels of the picture (H * W * 3,) that ``work`` was last used for."""
+    reflection = work.reflection
+    slots, planes, facet_of = work.slots, work.planes, work.facet_of
     fx, fy, cx, cy = view[12], view[13], view[14], view[15]
     for y in range(height):
         for x in range(width):
             slot = slots[y * stride + x]
             if slot < 0:
                 continue
-            gloss = index[facet_of[slot], 8]
+            gloss = numbers[facet_of[slot], 8]
             if gloss == 0:
                 continue
             inverse = planes[slot, 0] + planes[slot, 1] * x + planes[slot, 2] * y
             across, down = (x - cx) / fx, (y - cy) / fy
             # The floor is level, so its distance from the camera is the camera's height above it.
-            cosine = min(work[17][0] * inverse / math.sqrt(1.0 + across * across + down * down), 1.0)
+            cosine = min((view[11] - floor) * inverse / math.sqrt(1.0 + across * across + down * down), 1.0)
             rest = 1.0 - cosine
             share = gloss / 255.0 * (HEAD_ON + (1.0 - HEAD_ON) * rest * rest * rest * rest * rest)
             to = 3 * (y * width + x)

@@ -7,11 +7,9 @@ import math
 import numpy as np
 from numba import njit
 
-from galoc_env.render._light_ray_kernel import LEAN, place, stopped, trace
+from galoc_env.render._light_ray_kernel import FAINT, LEAN, place, stopped, trace
 from galoc_env.render._sight_kernel import lamps_in_sight, outline
 
-FAINT = 0.006
-"""Light below this is not worth a ray."""
 SHADE = 0.8
 """A lamp sends less light up, straight up by this part: else the ceiling above it would be one white spot."""
 TINY = 0.15

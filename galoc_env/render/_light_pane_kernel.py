@@ -11,11 +11,9 @@ import math
 import numpy as np
 from numba import njit
 
-from galoc_env.render._light_ray_kernel import LEAN, crossing, point, stopped
+from galoc_env.render._light_ray_kernel import FAINT, LEAN, aim, crossing, point, stopped
 from galoc_env.render._sight_kernel import outline, spots_in_sight
 
-FAINT = 0.006
-"""Light below this is not worth a ray."""
 SIDE = 2
 """Spots along each side of a pane."""
 NEAR = 3.0
@@ -81,10 +79,7 @@ def _by_rays(world, p, s, g, fan, step, hits):  # type: ignore[no-untyped-def]
     """Of the rays from p that aim at facet g, how many there are and how many get there."""
     aimed, arrived = 0, 0
     for i in range(0, hits.shape[0], step):
-        a, b, h = fan[i, 0], fan[i, 1], fan[i, 2]
-        dx = a * s[4] + b * s[8] + h * s[0]
-        dy = a * s[5] + b * s[9] + h * s[1]
-        dz = a * s[6] + b * s[10] + h * s[2]
+        dx, dy, dz = aim(s, fan[i])
         if crossing(world[0], world[1], world[2], g, p[0], p[1], p[2], dx, dy, dz, 1e3) > 0.0:
             aimed += 1
             arrived += 1 if hits[i] == -3 - g else 0

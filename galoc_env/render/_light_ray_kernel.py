@@ -11,11 +11,14 @@ from numba import njit
 LEAN: dict[str, Any] = {"cache": True, "_nrt": False}
 """Options of kernels that make no arrays. Numba then does not count the references to those that they are given: each
 count is an atomic step, and all of them together took as long as the rays."""
+FAINT = 0.006
+"""Light below this is not worth a ray."""
 TINY = 1e-9
+"""A ray crosses no cell's side along an axis in which its direction is less than this."""
 
 
 @njit(**LEAN)
-def _overlaps(box, sheet, cell_low, cell):  # type: ignore[no-untyped-def]
+def _overlaps(sheet, cell_low, cell):  # type: ignore[no-untyped-def]
     """Whether a facet's plane passes a cell."""
     middle, reach = 0.0, 1e-6
     for k in range(3):
@@ -54,7 +57,7 @@ def fill_grid(sheets, boxes, low, cell, size):  # type: ignore[no-untyped-def]
                 for y in range(a[1], b[1] + 1):
                     for x in range(a[0], b[0] + 1):
                         at[0], at[1], at[2] = low[0] + x * cell, low[1] + y * cell, low[2] + z * cell
-                        if _overlaps(boxes[f], sheets[f], at, cell):
+                        if _overlaps(sheets[f], at, cell):
                             index = (z * size[1] + y) * size[0] + x
                             if step == 0:
                                 first[index + 1] += 1
@@ -179,6 +182,17 @@ def point(world, f, u, v, lift):  # type: ignore[no-untyped-def]
         a * s[4] + b * s[8] + c * s[0],
         a * s[5] + b * s[9] + c * s[1],
         a * s[6] + b * s[10] + c * s[2],
+    )
+
+
+@njit(**LEAN)
+def aim(s, ray):  # type: ignore[no-untyped-def]
+    """World direction of a ray that is given along u, v and the normal of the facet of sheet s."""
+    a, b, h = ray[0], ray[1], ray[2]
+    return (
+        a * s[4] + b * s[8] + h * s[0],
+        a * s[5] + b * s[9] + h * s[1],
+        a * s[6] + b * s[10] + h * s[2],
     )
 
 

@@ -45,9 +45,9 @@ COEFFICIENTS = 20
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def prepare(view, slot, table, index, work):  # type: ignore[no-untyped-def]
+def prepare(view, slot, table, numbers, work):  # type: ignore[no-untyped-def]
     """Fill in the coefficients of the facet in a slot."""
-    planes, facet, c = work[3], work[4][slot], work[10]
+    planes, facet, c = work.planes, work.facet_of[slot], work.coefficients
     fx, fy, cx, cy = view[12], view[13], view[14], view[15]
     for k in range(4):
         p, q, r = table[facet, 4 + 4 * k], table[facet, 5 + 4 * k], table[facet, 6 + 4 * k]
@@ -68,8 +68,8 @@ def prepare(view, slot, table, index, work):  # type: ignore[no-untyped-def]
     c[slot, AREA] = float(SIZE * SIZE) * abs(a * minor_a + bx * minor_b + by * minor_c)
     off = table[facet, 3] - table[facet, 0] * view[9] - table[facet, 1] * view[10] - table[facet, 2] * view[11]
     c[slot, GRAZING] = 0.25 / max(-off, 1e-3)
-    c[slot, LAST_COLUMN] = 256.0 * index[facet, 4] - 257.0
-    c[slot, LAST_ROW] = 256.0 * index[facet, 5] - 257.0
+    c[slot, LAST_COLUMN] = 256.0 * numbers[facet, 4] - 257.0
+    c[slot, LAST_ROW] = 256.0 * numbers[facet, 5] - 257.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -157,17 +157,17 @@ def light_lanes(start, end, share, shift):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def finish(to, count, facet, index, work, rgb, depth, instance, semantic):  # type: ignore[no-untyped-def]
+def finish(to, count, facet, numbers, work, rgb, depth, instance, semantic):  # type: ignore[no-untyped-def]
     """Copy the last pixels of a picture from where ``shade`` has put them."""
     for i in range(count):
         for k in range(3):
-            rgb[3 * (to + i) + k] = work[12][3 * i + k]
+            rgb[3 * (to + i) + k] = work.last_rgb[3 * i + k]
         if len(depth):
-            depth[to + i] = work[13][i]
+            depth[to + i] = work.last_depth[i]
         if len(instance):
-            instance[to + i] = index[facet, 6]
+            instance[to + i] = numbers[facet, 6]
         if len(semantic):
-            semantic[to + i] = index[facet, 7]
+            semantic[to + i] = numbers[facet, 7]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -214,9 +214,9 @@ def shade(  # type: ignore[no-untyped-def]
         instance: (H * W,) int32, written; may be empty.
         semantic: (H * W,) uint8, written; may be empty.
     """
-    table, index, texels, light = scene[1], scene[2], scene[5], scene[6]
-    slots, planes, facet_of = work[1], work[3], work[4]
-    c, ready = work[10], work[11]
+    table, numbers, texels, light = scene.table, scene.numbers, scene.texels, scene.light
+    slots, planes, facet_of = work.slots, work.planes, work.facet_of
+    c, ready = work.coefficients, work.ready
     total = width * height
     eight, sixteen, one = spread_int(i4(8)), spread_int(i4(16)), spread(f4(1.0))
     for y in range(height):
@@ -234,7 +234,7 @@ def shade(  # type: ignore[no-untyped-def]
                 continue
             if slot != current:
                 if not ready[slot]:
-                    prepare(view, slot, table, index, work)
+                    prepare(view, slot, table, numbers, work)
                     ready[slot] = True
                 facet, current, fresh = facet_of[slot], slot, True
                 step = planes[slot, 1]
@@ -244,7 +244,7 @@ def shade(  # type: ignore[no-untyped-def]
                 v = c[slot, V] + c[slot, V + 2] * y + vx * x
                 column = c[slot, COLUMN] + c[slot, COLUMN + 2] * y + columnx * x
                 row = c[slot, ROW] + c[slot, ROW + 2] * y + rowx * x
-                base, first, columns = index[facet, 2], u8(index[facet, 3]), u8(index[facet, 4])
+                base, first, columns = numbers[facet, 2], u8(numbers[facet, 3]), u8(numbers[facet, 4])
             last_column, last_row = c[slot, LAST_COLUMN], c[slot, LAST_ROW]
             if fresh:
                 z_start = 1.0 / inverse
@@ -271,12 +271,12 @@ def shade(  # type: ignore[no-untyped-def]
                 if len(depth):
                     store(depth, to, z)
                 if len(instance):
-                    store(instance, to, spread_int(index[facet, 6]))
+                    store(instance, to, spread_int(numbers[facet, 6]))
                 if len(semantic):
-                    store_bytes(semantic, to, spread_int(index[facet, 7]))
+                    store_bytes(semantic, to, spread_int(numbers[facet, 7]))
             else:
-                store_rgb(work[12], 0, colour)
-                store(work[13], 0, z)
-                finish(to, count, facet, index, work, rgb, depth, instance, semantic)
+                store_rgb(work.last_rgb, 0, colour)
+                store(work.last_depth, 0, z)
+                finish(to, count, facet, numbers, work, rgb, depth, instance, semantic)
             u, v, start, z_start = u + ux * count, v + vx * count, end, z_end
             x += count

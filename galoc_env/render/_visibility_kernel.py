@@ -269,13 +269,14 @@ def visible(view, width, height, stride, home, scene, work):  # type: ignore[no-
         scene: arrays of the homes, see ``galoc_env.render.drawable``.
         work: buffers, see ``galoc_env.render.workspace``.
     """
-    vertices, table, index, boxes, cluster_first = scene[:5]
-    inverse, slots, tiles, planes, facet_of, order, distance, left, right, corners = work[:10]
-    outlines, outline = work[14], work[16]
+    vertices, table, numbers = scene.vertices, scene.table, scene.numbers
+    boxes, cluster_first = scene.boxes, scene.cluster_first
+    inverse, slots, tiles, order, corners = work.inverse, work.slots, work.tiles, work.order, work.corners
+    planes, outlines, outline, left, right = work.planes, work.outlines, work.outline, work.left, work.right
     clear(width, height, stride, inverse, slots)
     bounds = np.empty((5, 4))
     frustum(view, width, height, bounds)
-    clusters = nearest_first(view, bounds, boxes, home[0], home[1], order, distance)
+    clusters = nearest_first(view, bounds, boxes, home[0], home[1], order, work.distance)
     fx, fy, cx, cy = view[12], view[13], view[14], view[15]
     slot, drawn, refresh, mapped = 0, 0, width * height // 4, False
     for k in range(clusters):
@@ -285,14 +286,14 @@ def visible(view, width, height, stride, home, scene, work):  # type: ignore[no-
         c = order[k]
         if mapped and hidden(view, boxes, c, width, height, stride, tiles):
             continue
-        vertex = index[cluster_first[c], 0]
-        project(view, vertices, vertex, index[cluster_first[c + 1] - 1, 1], corners)
+        vertex = numbers[cluster_first[c], 0]
+        project(view, vertices, vertex, numbers[cluster_first[c + 1] - 1, 1], corners)
         for i in range(cluster_first[c], cluster_first[c + 1]):
             n0, n1, n2 = table[i, 0], table[i, 1], table[i, 2]
             d = table[i, 3] - (n0 * view[9] + n1 * view[10] + n2 * view[11])
             if d >= -1e-6:
                 continue  # seen from behind, or edge on
-            start, count = index[i, 0] - vertex, index[i, 1] - index[i, 0]
+            start, count = numbers[i, 0] - vertex, numbers[i, 1] - numbers[i, 0]
             inside, nearest = 0, f4(1e30)
             for j in range(start, start + count):
                 inside += corners[2, j] >= NEAR
@@ -324,7 +325,7 @@ def visible(view, width, height, stride, home, scene, work):  # type: ignore[no-
             if covered:
                 drawn += covered
                 planes[slot, 0], planes[slot, 1], planes[slot, 2] = a, bx, by
-                facet_of[slot] = i
+                work.facet_of[slot] = i
                 outlines[slot, 0, 0] = count
                 for j in range(count):
                     for m in range(4):

@@ -12,13 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from galoc.errors import GalocError
-from galoc_env.render.drawable import Arrays, Drawable, arena_arrays, drawable
+from galoc_env.render.drawable import Drawable, Homes, SceneArrays, arena_arrays, drawable
 from galoc_env.render.textures import finest_level
 from galoc_env.render.workspace import LANES, Sizes, Workspace
 
 if TYPE_CHECKING:
     from galoc.camera import Camera
     from galoc_env.scene import Scene
+
+Arrays = tuple[NDArray, ...]
 
 QUALITIES = ("fast", "default", "best")
 """Plain edges, texels blended along rows only; smooth edges and texels; drawn twice as fine, with glossy floors."""
@@ -53,7 +55,7 @@ class Arena:
         self._number: dict[int, tuple[Scene, int]] = {}
         self._next = 0
         self._row: dict[int, int] = {}
-        self._arrays: tuple[Arrays, Arrays] | None = None
+        self._arrays: tuple[SceneArrays, Homes] | None = None
         self._work: list[Workspace] = []
         self._sizes: Sizes = (0, 0, 0)
         self._lock = threading.Lock()
@@ -147,7 +149,7 @@ class Arena:
             expected = f"one of {sorted(self._homes)}"
             raise GalocError(f"home {missing}", expected, "Pass a number that add() returned.") from None
 
-    def _prepared(self) -> tuple[Arrays, Arrays]:
+    def _prepared(self) -> tuple[SceneArrays, Homes]:
         """The arrays of all homes, put together again after a home came or went."""
         if self._arrays is None:
             if not self._homes:
@@ -160,7 +162,7 @@ class Arena:
                 self._work = []
         return self._arrays
 
-    def _draw(self, lanes: Arrays, ranges: Arrays, scene: Arrays, outputs: Arrays) -> None:
+    def _draw(self, lanes: Arrays, ranges: Homes, scene: SceneArrays, outputs: Arrays) -> None:
         from galoc_env.render._draw_kernel import draw
 
         count = len(lanes[0])

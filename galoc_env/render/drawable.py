@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from galoc_env.scene import Scene
     from galoc_env.scene.mesh import SceneMesh
 
-Arrays = tuple[NDArray, ...]
-
 UNIT = 2065
 """Stored light at which a texture keeps its own colour (:func:`galoc_env.render._lanes.lit`, in steps of 16)."""
 BRIGHTEST = 4095
@@ -33,26 +31,49 @@ GLOSS = {
 """How much of a mirror a floor of these materials is; others are dull."""
 
 
+class SceneArrays(NamedTuple):
+    """All homes' arrays, as the kernels take them; columns as in :class:`Drawable`."""
+
+    vertices: NDArray[np.float32]
+    table: NDArray[np.float32]
+    numbers: NDArray[np.int32]
+    boxes: NDArray[np.float32]
+    cluster_first: NDArray[np.int32]
+    texels: NDArray[np.int32]
+    light: NDArray[np.uint64]
+
+
+class Homes(NamedTuple):
+    """Which part of the arrays is whose."""
+
+    clusters: NDArray[np.int32]
+    """(H, 2) first cluster of each home, and the one after its last."""
+    origin: NDArray[np.float64]
+    """(H, 3) m."""
+    glossy: NDArray[np.bool_]
+    """(H,) whether it has a glossy floor."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Drawable:
     """One scene. Columns of ``table``: plane (4), maps to texture u, v and light column, row (4 each).
 
-    Columns of ``index``: first vertex, vertex after the last, texture (in an arena its first texel, had it all levels),
-    first light texel, light columns, light rows, instance, semantic class, gloss (floors only, 0 to 255).
+    Columns of ``numbers``: first vertex, vertex after the last, texture (in an arena its first texel, had it all
+    levels), first light texel, light columns, light rows, instance, semantic class, gloss (floors only, 0 to 255).
     """
 
     vertices: NDArray[np.float32]
     """(3, V) m."""
     table: NDArray[np.float32]
     """(N, 20)."""
-    index: NDArray[np.int32]
+    numbers: NDArray[np.int32]
     """(N, 9)."""
     boxes: NDArray[np.float32]
     """(C, 2, 3) m."""
     cluster_first: NDArray[np.int32]
     """(C + 1,)."""
     textures: tuple[str, ...]
-    """Digests, in the order in which ``index`` counts texels."""
+    """Digests, in the order in which ``numbers`` counts texels."""
     texels: tuple[NDArray[np.int32], ...]
     """Packed texture of each."""
     light: NDArray[np.uint64]
@@ -63,8 +84,8 @@ class Drawable:
     @property
     def sizes(self) -> tuple[int, int, int]:
         """Facets, clusters, and corners of the facets of a cluster at most."""
-        ends = self.index[self.cluster_first[1:] - 1, 1]
-        corners = ends - self.index[self.cluster_first[:-1], 0]
+        ends = self.numbers[self.cluster_first[1:] - 1, 1]
+        corners = ends - self.numbers[self.cluster_first[:-1], 0]
         return len(self.table), len(self.boxes), int(corners.max())
 
 
@@ -127,16 +148,12 @@ def packed_light(facets: Facets, light: NDArray[np.float32]) -> NDArray[np.uint6
     return (level[:, 0] | level[:, 1] << 20 | level[:, 2] << 40).astype(np.uint64)
 
 
-def arena_arrays(homes: Sequence[Drawable], finest: int = 0) -> tuple[Arrays, Arrays]:
+def arena_arrays(homes: Sequence[Drawable], finest: int = 0) -> tuple[SceneArrays, Homes]:
     """All homes in one set of arrays, equal textures once.
 
     Args:
         homes: at least one.
         finest: first mip level of their textures.
-
-    Returns:
-        The scene arrays (vertices, table, index, boxes, cluster_first, texels, light), and for each home its first and
-        last cluster (H, 2), its origin (H, 3), and whether it has a glossy floor (H,).
     """
     place: dict[str, int] = {}
     texels: list[NDArray[np.int32]] = []
@@ -147,16 +164,16 @@ def arena_arrays(homes: Sequence[Drawable], finest: int = 0) -> tuple[Arrays, Ar
             if name not in place:
                 place[name] = len(texels) * length(finest) - level_start.py_func(finest)
                 texels.append(texture)
-        index = home.index.copy()
-        index[:, :2] += vertex
-        index[:, 2] = np.array([place[name] for name in home.textures], np.int32)[home.index[:, 2]]
-        index[:, 3] += lit
-        indices.append(index)
+        numbers = home.numbers.copy()
+        numbers[:, :2] += vertex
+        numbers[:, 2] = np.array([place[name] for name in home.textures], np.int32)[home.numbers[:, 2]]
+        numbers[:, 3] += lit
+        indices.append(numbers)
         firsts.append(home.cluster_first[1:] + np.int32(facet))
         ranges.append((cluster, cluster + len(home.boxes)))
         vertex, facet = vertex + home.vertices.shape[1], facet + len(home.table)
         cluster, lit = cluster + len(home.boxes), lit + len(home.light)
-    scene = (
+    scene = SceneArrays(
         np.concatenate([*(home.vertices for home in homes), np.zeros((3, LANES), np.float32)], axis=1),
         np.concatenate([home.table for home in homes]),
         np.concatenate(indices),
@@ -165,5 +182,5 @@ def arena_arrays(homes: Sequence[Drawable], finest: int = 0) -> tuple[Arrays, Ar
         np.concatenate(texels),
         np.concatenate([home.light for home in homes]),
     )
-    glossy = np.array([bool(home.index[:, 8].any()) for home in homes])
-    return scene, (np.array(ranges, np.int32), np.array([home.origin for home in homes]), glossy)
+    glossy = np.array([bool(home.numbers[:, 8].any()) for home in homes])
+    return scene, Homes(np.array(ranges, np.int32), np.array([home.origin for home in homes]), glossy)

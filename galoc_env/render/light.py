@@ -37,7 +37,7 @@ DAYLIGHT = (3.2, 3.5, 3.9)
 """Brightness of a window pane of glow 1, seen as a lamp: a surface that it surrounds receives this."""
 AMBIENT = 0.03
 """Light everywhere, so that a room with neither lamp nor window is not black."""
-RAYS = 16
+RAYS = 15
 """Rays from each point that look for the light that other surfaces send back; half as many on small or narrow ones."""
 BOUNCES = 3
 """Times that light is sent back."""
@@ -221,9 +221,9 @@ def _directions(rays: int) -> Array:
     """(9, rays, 3): nine sets of cosine-distributed directions about z, each stratified, together finer still."""
     rings = max(1, round(math.sqrt(rays / 1.6)))
     around = rays // rings
-    sets = np.empty((9, rings * around, 3))
+    sets = np.empty((9, rays, 3))
     for k in range(9):
-        for i in range(rings * around):
+        for i in range(rays):
             ring, spoke = divmod(i, around)
             r2 = (ring + (0.5 + 0.7548776662 * k) % 1.0) / rings
             angle = 2 * math.pi * (spoke + (0.5 * ring + 0.5698402910 * k) % 1.0) / around

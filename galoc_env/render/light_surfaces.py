@@ -63,7 +63,7 @@ def make_surfaces(facets: Facets, world: World, lit: NDArray[np.bool_]) -> Surfa
     frames, size, stretch = _lattices(facets, world, members, starts, surface)
     first = np.concatenate([[0], np.cumsum(size.astype(np.int64).prod(axis=1))])
     points, facet = settle(world.rays, frames, size, first, members, member_first, 1.5 * SPACING * stretch)
-    level = np.abs(facets.plane[members[starts], 2]) > 0.9 if len(starts) else np.zeros(0, bool)
+    level = np.abs(facets.plane[members[starts], 2]) > 0.9
     check = level & ((size - 1) * FINE > BIG).any(axis=1)
     number = np.arange(first[-1]) - np.repeat(first[:-1], np.diff(first))
     column = number % np.repeat(size[:, 0], np.diff(first))
@@ -87,9 +87,7 @@ def _lattices(
         return np.zeros((0, 3, 3)), np.zeros((0, 2), np.int32), 1.0
     sheets = world.rays[0]
     area = (sheets[:, 12] * sheets[:, 13])[members]
-    largest = np.empty(len(starts), np.int64)
-    order = np.lexsort((-area, surface[members]))
-    largest[:] = members[order[starts]]
+    largest = members[np.lexsort((-area, surface[members]))[starts]]
     axes = np.stack([sheets[largest, 4:7], sheets[largest, 8:11]], axis=1)
     shape = padded(facets.vertices.astype(np.float64), facets.first.astype(np.int64))[members]
     own = axes[surface[members]]
@@ -101,8 +99,8 @@ def _lattices(
     size, stretch = _sizes(span, np.where(floor, FINE, SPACING)[:, None])
     step = span / np.maximum(size - 1, 1)
     low += np.where(size == 1, span / 2, 0.0)
-    normal = sheets[largest]
-    corner = low[:, :1] * axes[:, 0] + low[:, 1:] * axes[:, 1] + normal[:, 3:4] * normal[:, :3]
+    plane = sheets[largest, :4]
+    corner = low[:, :1] * axes[:, 0] + low[:, 1:] * axes[:, 1] + plane[:, 3:] * plane[:, :3]
     return np.concatenate([corner[:, None], axes * step[..., None]], axis=1), size, stretch
 
 

@@ -47,7 +47,7 @@ def make_world(facets: Facets) -> World:
         sheets[:, 7 + 4 * k] = -light[:, k, 3] * step[:, k]
     sheets[:, 12:14] = (facets.light_size - 1) * step
     shape = padded(facets.vertices.astype(np.float64), facets.first.astype(np.int64))
-    edges, rectangle = _edges(facets, sheets, shape)
+    edges, rectangle = _edges(facets, sheets)
     sheets[:, 14] = rectangle
     # Lamps shine through their own shades; windows are as tight as walls.
     sheets[:, 15] = (facets.glow == 0) | (facets.semantic == OUTSIDE)
@@ -62,7 +62,7 @@ def make_world(facets: Facets) -> World:
     return World(rays, step, facets.light_size, facets.light_first)
 
 
-def _edges(facets: Facets, sheets: Array, shape: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _edges(facets: Facets, sheets: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Outlines in the plane of each facet, and which facets (N,) fill their rectangle.
 
     (V, 5): half plane a u + b v + c >= 0 of the edge that leaves each corner, and the corner's own u and v.

@@ -3,25 +3,65 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from galoc_env.render._shading_kernel import COEFFICIENTS
+from galoc_env.render._visibility_kernel import LANES, MOST, TILE_ROWS
+
 Sizes = tuple[int, int, int]
 """Facets and clusters of a home, and corners of the facets of a cluster."""
 
-LANES = 16
-TILE_ROWS = 8
-MOST = 40
-"""Corners of a facet after clipping, at most."""
+
+class Work(NamedTuple):
+    """Buffers as the kernels take them. A slot is a facet that is drawn in the picture at hand."""
+
+    inverse: NDArray[np.float32]
+    """(H * stride + 16,) 1 / m: inverse depth of each pixel."""
+    slots: NDArray[np.int32]
+    """Likewise: the slot that each pixel sees, -1 for none."""
+    tiles: NDArray[np.float32]
+    """Least inverse depth of each 16 x 8 pixels."""
+    order: NDArray[np.int32]
+    """(C,) clusters in sight, nearest first."""
+    distance: NDArray[np.float64]
+    """(C,) m^2: their squared distance."""
+    corners: NDArray[np.float32]
+    """(5, V + 16) of a cluster: x, y times the focal lengths and z, m; column and row, px."""
+    outline: NDArray[np.float64]
+    """(40, 6) px: of a facet its corners, and of each edge the lower end, the upper end's row, and its slope."""
+    left: NDArray[np.int32]
+    """(H + 16,) first pixel of a facet's span in each of its rows."""
+    right: NDArray[np.int32]
+    """(H + 16,) last pixel."""
+    facet_of: NDArray[np.int32]
+    """(N,) of each slot."""
+    planes: NDArray[np.float64]
+    """(N, 3) of each slot: inverse depth at column 0 and row 0, and its change along both."""
+    outlines: NDArray[np.float32]
+    """(N, 20, 4) of each slot: first the number of edges, then those as in ``outline``."""
+    coefficients: NDArray[np.float64]
+    """(N, 20) of each slot: texture and light over the image."""
+    ready: NDArray[np.bool_]
+    """(N,) whether they are filled in."""
+    last_rgb: NDArray[np.uint8]
+    """(48,) the last 16 pixels of a picture, before those of them that belong to it are copied."""
+    last_depth: NDArray[np.float32]
+    """(16,) their depth, m."""
+    fine: NDArray[np.uint8]
+    """(12 * H * W,) the picture twice as fine; empty where it is not drawn."""
+    reflection: NDArray[np.uint8]
+    """Likewise: what the floor reflects."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Workspace:
     """Buffers for pictures of one size; never shared between threads."""
 
-    buffers: tuple[NDArray, ...]
-    """In the order in which the kernels take them."""
+    buffers: Work
+    """What the kernels take."""
     sizes: Sizes
     """Of the largest home that fits."""
 
@@ -38,28 +78,25 @@ class Workspace:
         facets, clusters, corners = sizes
         w, h = fineness * width, fineness * height
         stride = -(-w // LANES) * LANES
-        f4, i4 = np.float32, np.int32
-        return cls(
-            (
-                np.zeros(h * stride + LANES, f4),  # inverse depth
-                np.zeros(h * stride + LANES, i4),  # slot
-                np.zeros((stride // LANES) * -(-h // TILE_ROWS), f4),  # coarse inverse depth
-                np.zeros((facets, 3)),  # per slot: inverse depth over the image
-                np.zeros(facets, i4),  # per slot: its facet
-                np.zeros(clusters, i4),  # clusters, nearest first
-                np.zeros(clusters),  # their squared distance
-                np.zeros(h + LANES, i4),  # first pixel of spans
-                np.zeros(h + LANES, i4),  # last pixel
-                np.zeros((5, corners + LANES), f4),  # of a cluster: x, y, z times focal lengths, and in pixels
-                np.zeros((facets, 20)),  # per slot: texture and light over the image
-                np.zeros(facets, np.bool_),  # per slot: whether those are filled in
-                np.zeros(3 * LANES, np.uint8),  # the last pixels of a picture
-                np.zeros(LANES, f4),
-                np.zeros((facets, MOST // 2, 4), f4),  # per slot: number of edges, then they as in the outline below
-                np.zeros(3 * w * h if fineness > 1 else 0, np.uint8),  # the finer picture
-                np.zeros((MOST, 6)),  # outline of a facet: corner; of each edge lower end, row of the upper, slope; px
-                np.zeros(1),  # height above the floor, m
-                np.zeros(3 * w * h if fineness > 1 else 0, np.uint8),  # what the floor reflects
-            ),
-            sizes,
+        finer = 3 * w * h if fineness > 1 else 0
+        work = Work(
+            inverse=np.zeros(h * stride + LANES, np.float32),
+            slots=np.zeros(h * stride + LANES, np.int32),
+            tiles=np.zeros((stride // LANES) * -(-h // TILE_ROWS), np.float32),
+            order=np.zeros(clusters, np.int32),
+            distance=np.zeros(clusters),
+            corners=np.zeros((5, corners + LANES), np.float32),
+            outline=np.zeros((MOST, 6)),
+            left=np.zeros(h + LANES, np.int32),
+            right=np.zeros(h + LANES, np.int32),
+            facet_of=np.zeros(facets, np.int32),
+            planes=np.zeros((facets, 3)),
+            outlines=np.zeros((facets, MOST // 2, 4), np.float32),
+            coefficients=np.zeros((facets, COEFFICIENTS)),
+            ready=np.zeros(facets, np.bool_),
+            last_rgb=np.zeros(3 * LANES, np.uint8),
+            last_depth=np.zeros(LANES, np.float32),
+            fine=np.zeros(finer, np.uint8),
+            reflection=np.zeros(finer, np.uint8),
         )
+        return cls(work, sizes)

@@ -51,11 +51,14 @@ LIMITS: dict[str, tuple[float, float]] = {
 """Lowest and highest value of each knob."""
 MOST_OFF = 2.0
 """Exposures are wrong by so many sd at most: a camera's automatic leaves no picture black or white."""
-PRESETS: dict[str, tuple[float, ...]] = {
-    "none": (0.0,) * 12,
-    "phone": (0.15, 0.04, 0.12, -0.005, 0.03, 0.04, 0.03, 0.012, 0.003, 0.05, 0.3, 92),
-    "webcam": (0.3, 0.08, 0.25, -0.02, 0.06, 0.07, 0.05, 0.02, 0.006, 0.08, 0.2, 75),
-    "poor": (0.5, 0.15, 0.5, -0.05, 0.12, 0.08, 0.12, 0.05, 0.012, 0.15, 0.4, 35),
+PRESETS: dict[str, dict[str, Any]] = {
+    name: dict(zip(LIMITS, values, strict=True))
+    for name, values in {
+        "none": (*(0.0,) * 11, 0),
+        "phone": (0.15, 0.04, 0.12, -0.005, 0.03, 0.04, 0.03, 0.012, 0.003, 0.05, 0.3, 92),
+        "webcam": (0.3, 0.08, 0.25, -0.02, 0.06, 0.07, 0.05, 0.02, 0.006, 0.08, 0.2, 75),
+        "poor": (0.5, 0.15, 0.5, -0.05, 0.12, 0.08, 0.12, 0.05, 0.012, 0.15, 0.4, 35),
+    }.items()
 }
 """Knobs of the named cameras, in the order of ``LIMITS``. Half a second passes between pictures: 0.03 is 1/66 s."""
 
@@ -115,7 +118,7 @@ class Imaging:
         """
         if name not in PRESETS:
             raise GalocError(f"imaging {name!r}", f"one of {', '.join(PRESETS)}", "Pass one of these, or the knobs.")
-        return cls(**dict(zip(LIMITS, PRESETS[name][:-1], strict=False)), jpeg=int(PRESETS[name][-1]))
+        return cls(**PRESETS[name])
 
     @classmethod
     def random(cls, rng: np.random.Generator, strength: float = 1.0) -> Imaging:
@@ -132,13 +135,10 @@ class Imaging:
             raise GalocError(f"strength = {strength!r}", "a number from 0 to 1", "Pass 1 for the full range.")
         share = strength * rng.random(len(LIMITS))
         signs = {"distortion": rng.choice([-1.0, 1.0])}
-        knobs = {
-            name: float(signs.get(name, 1.0) * share[i] * PRESETS["poor"][i])
-            for i, name in enumerate(LIMITS)
-            if name != "jpeg"
-        }
-        quality = 0 if strength == 0.0 else round(100.0 - share[-1] * (100.0 - PRESETS["poor"][-1]))
-        return cls(**knobs, jpeg=int(quality))
+        poor = PRESETS["poor"]
+        knobs = {name: float(signs.get(name, 1.0) * s * poor[name]) for name, s in zip(LIMITS, share, strict=True)}
+        quality = 0 if strength == 0.0 else round(100.0 - share[-1] * (100.0 - poor["jpeg"]))
+        return cls(**{**knobs, "jpeg": int(quality)})
 
     @classmethod
     def of(cls, value: Any) -> Imaging:

@@ -6,19 +6,17 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from galoc.errors import GalocError
+from galoc_env.furniture.footprint import Footprint
 from galoc_env.furniture.kinds import KINDS, KINDS_BY_NAME
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from galoc.floorplan import Floorplan
     from galoc_env.scene.rooms import Rooms
 
 __all__ = ["KINDS", "Furniture", "furnish"]
-
-Array = NDArray[np.float64]
 
 AGENT_RADIUS = 0.3
 """An agent of this radius can still reach every place after furnishing that it could reach before, m."""
@@ -35,7 +33,7 @@ MIN_GAP = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Furniture:
+class Furniture(Footprint):
     """An upright box that stands on the floor; its front faces ``heading``."""
 
     kind: str
@@ -62,32 +60,10 @@ class Furniture:
         """Whether it lies on the floor, so that bodies pass over it."""
         return KINDS_BY_NAME[self.kind].flat
 
-    def corners(self, margin: float = 0.0) -> Array:
-        """(4, 2) m: corners of the footprint grown by ``margin``, counter-clockwise."""
-        c, s = math.cos(self.heading), math.sin(self.heading)
-        a, b = self.length / 2 + margin, self.width / 2 + margin
-        local = np.array([[a, b], [-a, b], [-a, -b], [a, -b]])
-        return local @ np.array([[c, s], [-s, c]]) + (self.x, self.y)
-
-    def edges(self) -> Array:
-        """(4, 4) m: what stops bodies: the footprint's edges as segments x1, y1, x2, y2; (0, 4) for a flat piece."""
-        if self.flat:
-            return np.zeros((0, 4))
-        corners = self.corners()
-        return np.hstack([corners, np.roll(corners, -1, axis=0)])
-
     def place(self, ahead: float, left: float) -> tuple[float, float]:
         """Plan coordinates of a point in the piece's frame: m ahead of its centre, m to its left."""
         c, s = math.cos(self.heading), math.sin(self.heading)
         return self.x + c * ahead - s * left, self.y + s * ahead + c * left
-
-    def distance(self, points: Array) -> Array:
-        """(...) m: distance from points (..., 2) to the footprint, 0 inside."""
-        c, s = math.cos(self.heading), math.sin(self.heading)
-        dx, dy = points[..., 0] - self.x, points[..., 1] - self.y
-        ahead = np.abs(c * dx + s * dy) - self.length / 2
-        beside = np.abs(c * dy - s * dx) - self.width / 2
-        return np.hypot(np.maximum(ahead, 0.0), np.maximum(beside, 0.0))
 
 
 def furnish(

@@ -106,7 +106,7 @@ class FreeRoom:
         if item.flat:
             self.rugs.append(item)
             return True
-        window, distance = self._around(item)
+        window, distance = item.around(self._space, AGENT_RADIUS + _DETOUR)
         views = [free[window] for free in self._free]
         blocked = [view & (distance < radius) for view, radius in zip(views, self._radii, strict=True)]
         if not all(_passable(view, taken) for view, taken in zip(views, blocked, strict=True)):
@@ -148,18 +148,6 @@ class FreeRoom:
                 if distance <= gap:
                     return False
         return True
-
-    def _around(self, item: Furniture) -> tuple[tuple[slice, slice], Array]:
-        """A window of the grid around a piece, and the distance of its cell centres to the piece, m."""
-        step = self._space.resolution
-        reach = math.hypot(item.length, item.width) / 2 + AGENT_RADIUS + _DETOUR
-        rows, cols = self._free[0].shape
-        row, col = (int(i) for i in self._space.index([item.x, item.y]))
-        n = math.ceil(reach / step)
-        window = (slice(max(row - n, 0), min(row + n + 1, rows)), slice(max(col - n, 0), min(col + n + 1, cols)))
-        x = self._space.origin[0] + (np.arange(window[1].start, window[1].stop) + 0.5) * step
-        y = self._space.origin[1] + (np.arange(window[0].start, window[0].stop) + 0.5) * step
-        return window, item.distance(np.stack(np.meshgrid(x, y), axis=-1))
 
 
 def _passable(free: NDArray[np.bool_], blocked: NDArray[np.bool_]) -> bool:

@@ -1,4 +1,4 @@
-"""Textures of things: cloth, metal, books, leaves, pictures, mirrors, screens and the outdoors."""
+"""Textures of things: cloth, metal, books, leaves, pictures, mirrors and screens."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Textures of walls, ceilings and mineral floors."""
+"""Textures of walls, ceilings, and floors of stone, tiles or carpet."""
 
 from __future__ import annotations
 

@@ -10,11 +10,12 @@ STRAIGHT = 1e-5
 
 
 @njit(cache=True)
-def _root(parent, face):  # type: ignore[no-untyped-def]
-    while parent[face] != face:
-        parent[face] = parent[parent[face]]
-        face = parent[face]
-    return face
+def root(parent, k):  # type: ignore[no-untyped-def]
+    """Which stands for all that k has been joined with; ``parent`` is flattened on the way."""
+    while parent[k] != k:
+        parent[k] = parent[parent[k]]
+        k = parent[k]
+    return k
 
 
 @njit(cache=True)
@@ -40,6 +41,17 @@ def _corners(direction, normal, following, start, skip_from, skip_to):  # type: 
             count += 0 if straight else 1
         h = n
     return count
+
+
+@njit(cache=True)
+def _chain(following, previous, twin, h):  # type: ignore[no-untyped-def]
+    """First and last half-edge of the chain around h that the same two polygons share."""
+    start, end = h, h
+    while twin[previous[start]] == following[twin[start]] and previous[start] != h:
+        start = previous[start]
+    while twin[following[end]] == previous[twin[end]] and following[end] != h:
+        end = following[end]
+    return start, end
 
 
 @njit(cache=True)
@@ -76,14 +88,10 @@ def merge(direction, normal, area, twin, order, most):  # type: ignore[no-untype
             h = order[e]
             if gone[h]:
                 continue
-            a, b = _root(parent, h // 3), _root(parent, twin[h] // 3)
+            a, b = root(parent, h // 3), root(parent, twin[h] // 3)
             if a == b:
                 continue
-            start, end = h, h
-            while twin[previous[start]] == following[twin[start]] and previous[start] != h:
-                start = previous[start]
-            while twin[following[end]] == previous[twin[end]] and following[end] != h:
-                end = following[end]
+            start, end = _chain(following, previous, twin, h)
             a_last, b_first = previous[start], following[twin[start]]
             b_last, a_first = previous[twin[end]], following[end]
             sine0, straight0 = _bend(direction, normal, a_last, b_first)
@@ -95,11 +103,10 @@ def merge(direction, normal, area, twin, order, most):  # type: ignore[no-untype
             if count + (0 if straight0 else 1) + (0 if straight1 else 1) > most:
                 continue
             k = start
-            while True:
-                gone[k] = gone[twin[k]] = True
-                if k == end:
-                    break
+            gone[k] = gone[twin[k]] = True
+            while k != end:
                 k = following[k]
+                gone[k] = gone[twin[k]] = True
             following[a_last], previous[b_first] = b_first, a_last
             following[b_last], previous[a_first] = a_first, b_last
             parent[b], any_edge[a] = a, a_last

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from galoc_env.render._light_ray_kernel import LEAN, place, point, trace
+from galoc_env.render._merge_kernel import root
 from galoc_env.render._sight_kernel import LIFT
 
 ASIDE = 0.02
@@ -20,14 +21,6 @@ def _blocked(world, p, q):  # type: ignore[no-untyped-def]
     """Whether something stands between two points."""
     f, _ = trace(world, p[0], p[1], p[2], q[0] - p[0], q[1] - p[1], q[2] - p[2], 1.0, True)
     return f >= 0
-
-
-@njit(cache=True)
-def _root(parent, f):  # type: ignore[no-untyped-def]
-    while parent[f] != f:
-        parent[f] = parent[parent[f]]
-        f = parent[f]
-    return f
 
 
 @njit(cache=True)
@@ -49,15 +42,15 @@ def join(world, lit):  # type: ignore[no-untyped-def]
                 v = edges[k, 4] + part * (edges[m, 4] - edges[k, 4])
                 q = point(world, f, u - ASIDE * edges[k, 0], v - ASIDE * edges[k, 1], LIFT)
                 g, t = trace(world, q[0], q[1], q[2], -n[0], -n[1], -n[2], 2 * LIFT, False)
-                if g < 0 or g == f or not lit[g] or abs(t - LIFT) > 1e-4 or _root(parent, f) == _root(parent, g):
+                if g < 0 or g == f or not lit[g] or abs(t - LIFT) > 1e-4 or root(parent, f) == root(parent, g):
                     continue
                 same = n[0] * sheets[g, 0] + n[1] * sheets[g, 1] + n[2] * sheets[g, 2] > 0.99999
                 p = point(world, f, u + ASIDE * edges[k, 0], v + ASIDE * edges[k, 1], LIFT)
                 if same and not _blocked(world, p, q):
-                    parent[_root(parent, f)] = _root(parent, g)
+                    parent[root(parent, f)] = root(parent, g)
     out = np.empty(sheets.shape[0], np.int64)
     for f in range(sheets.shape[0]):
-        out[f] = _root(parent, f)
+        out[f] = root(parent, f)
     return out
 
 
@@ -149,6 +142,21 @@ def smooth(values, links, size, first):  # type: ignore[no-untyped-def]
     return values
 
 
+@njit(**LEAN)
+def _cell(frame, wide, high, p):  # type: ignore[no-untyped-def]
+    """Column and row of the lattice's cell around a point, and how far along each the point lies, 0 to 1."""
+    x, y, along, across = 0.0, 0.0, 0.0, 0.0
+    for c in range(3):
+        along += frame[1, c] * frame[1, c]
+        across += frame[2, c] * frame[2, c]
+        x += (p[c] - frame[0, c]) * frame[1, c]
+        y += (p[c] - frame[0, c]) * frame[2, c]
+    x = max(0.0, min(wide - 1.0, x / along)) if wide > 1 else 0.0
+    y = max(0.0, min(high - 1.0, y / across)) if high > 1 else 0.0
+    column, row = min(int(x), max(0, wide - 2)), min(int(y), max(0, high - 2))
+    return column, row, x - column, y - row
+
+
 @njit(cache=True)
 def weigh(world, points, facet, links, frames, size, first, surface, texel_step, texel_size, texel_first, lit):  # type: ignore[no-untyped-def]
     """Four lattice points around each texel and their weights, (T, 4) and (T, 4).
@@ -174,22 +182,10 @@ def weigh(world, points, facet, links, frames, size, first, surface, texel_step,
         if not lit[f] or s < 0:
             continue
         frame, wide, high = frames[s], size[s, 0], size[s, 1]
-        along, across = 0.0, 0.0
-        for c in range(3):
-            along += frame[1, c] * frame[1, c]
-            across += frame[2, c] * frame[2, c]
         for k in range(texel_first[f + 1] - texel_first[f]):
             t = texel_first[f] + k
             u, v = (k % texel_size[f, 0]) * texel_step[f, 0], (k // texel_size[f, 0]) * texel_step[f, 1]
-            p = point(world, f, u, v, 0.0)
-            x, y = 0.0, 0.0
-            for c in range(3):
-                x += (p[c] - frame[0, c]) * frame[1, c]
-                y += (p[c] - frame[0, c]) * frame[2, c]
-            x = max(0.0, min(wide - 1.0, x / along)) if wide > 1 else 0.0
-            y = max(0.0, min(high - 1.0, y / across)) if high > 1 else 0.0
-            c0, r0 = min(int(x), max(0, wide - 2)), min(int(y), max(0, high - 2))
-            a, b = x - c0, y - r0
+            c0, r0, a, b = _cell(frame, wide, high, point(world, f, u, v, 0.0))
             seen = 0.0
             c1, r1 = min(wide - 1, c0 + 1), min(high - 1, r0 + 1)
             m = first[s] + r0 * wide + c0

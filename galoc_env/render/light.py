@@ -37,8 +37,9 @@ DAYLIGHT = (3.2, 3.5, 3.9)
 """Brightness of a window pane of glow 1, seen as a lamp: a surface that it surrounds receives this."""
 AMBIENT = 0.03
 """Light everywhere, so that a room with neither lamp nor window is not black."""
-RAYS = 15
-"""Rays from each point that look for the light that other surfaces send back; half as many on small or narrow ones."""
+RINGS, SPOKES = 3, 5
+"""Rays from each point, this many times that many, that look for the light that other surfaces send back; half of them
+on small or narrow ones."""
 BOUNCES = 3
 """Times that light is sent back."""
 GLOW = 0.3
@@ -142,7 +143,7 @@ def _soft(facets: Facets, world: World, light: Array, lit: NDArray[np.bool_], se
     at = make_surfaces(facets, world, lit)
     which = np.flatnonzero((facets.semantic == OUTSIDE) & (facets.glow > 0))
     panes, spots = _panes(facets, which)
-    fans, order = _directions(RAYS), np.argsort(at.facet, kind="stable")
+    fans, order = _directions(RINGS, SPOKES), np.argsort(at.facet, kind="stable")
     hits, openness = look_round(
         world.rays, at.points, at.facet, at.fan, fans, at.few, world.step, world.size, world.first, lit
     )
@@ -217,15 +218,13 @@ def _panes(facets: Facets, which: NDArray[np.intp]) -> tuple[Array, Array]:
 
 
 @cache
-def _directions(rays: int) -> Array:
-    """(9, rays, 3): nine sets of cosine-distributed directions about z, each stratified, together finer still."""
-    rings = max(1, round(math.sqrt(rays / 1.6)))
-    around = rays // rings
-    sets = np.empty((9, rays, 3))
+def _directions(rings: int, spokes: int) -> Array:
+    """(9, R, 3): nine sets of cosine-distributed directions about z, each stratified, together finer still."""
+    sets = np.empty((9, rings * spokes, 3))
     for k in range(9):
-        for i in range(rays):
-            ring, spoke = divmod(i, around)
+        for i in range(rings * spokes):
+            ring, spoke = divmod(i, spokes)
             r2 = (ring + (0.5 + 0.7548776662 * k) % 1.0) / rings
-            angle = 2 * math.pi * (spoke + (0.5 * ring + 0.5698402910 * k) % 1.0) / around
+            angle = 2 * math.pi * (spoke + (0.5 * ring + 0.5698402910 * k) % 1.0) / spokes
             sets[k, i] = math.sqrt(r2) * math.cos(angle), math.sqrt(r2) * math.sin(angle), math.sqrt(1 - r2)
     return np.round(sets, 7)

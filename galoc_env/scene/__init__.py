@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["SEMANTIC_NAMES", "Scene", "SceneMesh", "build_scene"]
 
 VARIANTS = 64
-"""Number of variants of each texture. Few are drawn twice; a home's cost 60 ms, and more would fill memory."""
+"""Number of variants of each texture. Few are drawn twice, and more would fill memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

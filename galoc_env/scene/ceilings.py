@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from galoc_env.scene.light import Lighting
 from galoc_env.scene.mesh import FITTING, MeshBuilder
 from galoc_env.scene.rooms import Rooms
-from galoc_env.scene.solids import SolidPainter
+from galoc_env.scene.solids import MakePainter, SolidPainter
 from galoc_env.scene.styles import tinge
 
 if TYPE_CHECKING:
@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 MOULDING_SHARE, BEAM_SHARE, DETECTOR_SHARE = 0.6, 0.1, 0.3
 """Chance at density 0.5 and more: of a moulding in a room whose walls end in ceiling paint, of beams, of a detector."""
+MAX_ROOMS = 100
+"""Rooms of a plan whose ceilings are fitted: huge plans stay fast to build and to draw."""
 _PROFILE = np.array([[0.0, 1.0], [0.18, 0.92], [0.45, 0.4], [1.0, 0.0]])
 """Of a moulding: distance from the wall and from the ceiling, in its size."""
 
@@ -29,14 +31,16 @@ def add_ceilings(
     builder: MeshBuilder, plan: Floorplan, rooms: Rooms, lighting: Lighting, density: float, rng: np.random.Generator
 ) -> None:
     """One instance for each room's moulding, beams and detector; their number grows with the density (0..1)."""
+    import shapely
+
     share, height = min(1.0, 2.0 * density), plan.ceiling_height
     gaps = max((o.top for o in plan.openings), default=0.0) > height - 0.2  # a moulding there would hang in the air
-    for number, room in enumerate(rooms.polygons[:100]):
+    for number, room in enumerate(rooms.polygons[:MAX_ROOMS]):
         own = np.random.default_rng(rng.integers(1 << 31))
         style, chance = rooms.style(number), own.uniform(size=3) / max(share, 1e-9)
 
         def painter(light: float = style.light) -> SolidPainter:
-            return SolidPainter(builder, lighting, 0.0, 0.0, 0.0, light, builder.new_instance(FITTING), queue=[])
+            return SolidPainter(builder, lighting, 0.0, 0.0, 0.0, light, builder.new_instance(FITTING))
 
         if style.cornice and chance[0] < MOULDING_SHARE and not gaps:
             _moulding(painter, room, height, style.cornice, style.ceiling_tint)
@@ -45,19 +49,13 @@ def add_ceilings(
         if chance[2] < DETECTOR_SHARE:
             x, y = room.representative_point().coords[0]
             a, b = own.uniform(0.5, 0.9, 2)
-            if room.buffer(-0.2).contains(_point(x + a, y + b)):
+            if shapely.contains_xy(room.buffer(-0.2), x + a, y + b):
                 paint = painter()
                 paint.prism("lacquer", (x + a, y + b, height - 0.035, height), (0.045, 0.055), 0.97, sides=10)
                 paint.flush()
 
 
-def _point(x: float, y: float) -> Any:
-    import shapely
-
-    return shapely.Point(x, y)
-
-
-def _moulding(painter: Any, room: Any, height: float, size: float, tint: Array) -> None:
+def _moulding(painter: MakePainter, room: Any, height: float, size: float, tint: Array) -> None:
     """A strip along every edge of a room, mitred in its corners."""
     import shapely
 
@@ -86,7 +84,7 @@ def _moulding(painter: Any, room: Any, height: float, size: float, tint: Array) 
     paint.flush()
 
 
-def _beams(painter: Any, room: Any, height: float, rng: np.random.Generator) -> None:
+def _beams(painter: MakePainter, room: Any, height: float, rng: np.random.Generator) -> None:
     """Beams from wall to wall across the room's shorter way."""
     import shapely
 

@@ -5,18 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from galoc.errors import GalocError
-from galoc_env.scene.ground import Box, Ground
+from galoc_env.furniture.footprint import Box
+from galoc_env.scene.ground import Ground
 from galoc_env.scene.light import Lighting
 from galoc_env.scene.mesh import DOOR, MeshBuilder
 from galoc_env.scene.rooms import Rooms, closing_lines
 from galoc_env.scene.solids import SolidPainter
-from galoc_env.scene.styles import Trim
+from galoc_env.scene.styles import Coat, Trim
 
 if TYPE_CHECKING:
     from galoc.floorplan import Floorplan, Opening
@@ -37,7 +38,11 @@ _PROUD = 0.016
 _SWINGS = ((152.0, 172.0), (82.0, 104.0), (58.0, 76.0), (108.0, 142.0))
 """Degrees from shut: against the wall, square, ajar, wide."""
 _HABITS = (0.35, 0.30, 0.20, 0.15)
+"""How often a door stands in each of these ways."""
 _TURNS = ((-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0))
+"""End of the opening that has the hinge, and face of the wall towards which the door swings."""
+_GLASS = np.array([0.86, 0.93, 0.95])
+"""Tint of glazed panels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +142,7 @@ def _leaf(door: Opening, number: int, turn: tuple[float, float], angle: float) -
 
 
 def _open_leaf(
-    door: Opening, number: int, rng: np.random.Generator, around: tuple[object, list, Ground]
+    door: Opening, number: int, rng: np.random.Generator, around: tuple[Any, list[Any], Ground]
 ) -> Leaf | None:
     """The first of some random ways to stand open for which there is room."""
     import shapely
@@ -150,7 +155,7 @@ def _open_leaf(
             leaf = _leaf(door, number, _TURNS[k], angle)
             box = leaf.box()
             outline = shapely.Polygon(box.corners())
-            if len(walls.query(outline, predicate="dwithin", distance=0.005)):  # type: ignore[attr-defined]
+            if len(walls.query(outline, predicate="dwithin", distance=0.005)):
                 continue
             if any(outline.distance(other) < 0.05 for other in taken):
                 continue
@@ -180,7 +185,7 @@ def add_leaves(
     for leaf, room in zip(leaves, found, strict=True):
         light = rooms.style(int(room)).light
         instance = builder.new_instance(DOOR)
-        paint = SolidPainter(builder, lighting, leaf.x, leaf.y, leaf.heading, light, instance, queue=[])
+        paint = SolidPainter(builder, lighting, leaf.x, leaf.y, leaf.heading, light, instance)
         _paint_leaf(paint, leaf, rooms.trim, metal)
         paint.flush()
 
@@ -191,13 +196,12 @@ def _paint_leaf(paint: SolidPainter, leaf: Leaf, trim: Trim, metal: Array) -> No
     coat = trim.leaf
     paint.box(coat.name, (0.0, low, 0.01), (leaf.length, high, leaf.height), coat.tint)
     panels, glazed = _panels(trim.panels, leaf.length, leaf.height)
-    name, tint = ("lacquer", np.array([0.86, 0.93, 0.95])) if glazed else (coat.name, 0.93 * coat.tint)
+    board, glass = Coat(coat.name, 0.95 * coat.tint), Coat("lacquer", _GLASS)
     for y, out in ((low, -1.0), (high, 1.0)):
         near, far = sorted((y, y + 0.006 * out))
         for k, (x0, z0, x1, z1) in enumerate(panels):
-            pane = glazed and k < glazed
-            look = (name, tint) if pane else (coat.name, 0.95 * coat.tint)
-            paint.box(look[0], (x0, near, z0), (x1, far, z1), look[1], hide="Y" if out < 0 else "y")
+            panel = glass if k < glazed else board
+            paint.box(panel.name, (x0, near, z0), (x1, far, z1), panel.tint, hide="Y" if out < 0 else "y")
         knob = leaf.length - 0.06
         near, far = sorted((y, y + 0.008 * out))
         paint.box("metal", (knob - 0.02, near, 0.96), (knob + 0.02, far, 1.14), metal, hide="Y" if out < 0 else "y")

@@ -13,7 +13,7 @@ from galoc_env.scene.light import Lighting
 from galoc_env.scene.mesh import FITTING, MeshBuilder
 from galoc_env.scene.openings import Hole
 from galoc_env.scene.rooms import Rooms
-from galoc_env.scene.solids import SolidPainter
+from galoc_env.scene.solids import MakePainter, SolidPainter
 from galoc_env.scene.styles import tinge
 from galoc_env.scene.windows import FRAME_DEPTH, inner_side, span
 
@@ -78,7 +78,7 @@ class _Window:
         points = [self._hole.middle + a * along + b * out for a in np.linspace(x[0], x[1], 7) for b in y]
         return bool(np.all(self._rooms.at(points) == self.room)) and not self._clutter.hits(points, low)
 
-    def radiator(self, painter, ribbed: bool, rng: np.random.Generator) -> None:  # type: ignore[no-untyped-def]
+    def radiator(self, painter: MakePainter, ribbed: bool, rng: np.random.Generator) -> None:
         """Ribs or a flat panel, on the wall under the sill."""
         half = self.half * rng.uniform(0.6, 1.0)
         bottom, top = 0.12, min(self.low - 0.08, 0.12 + rng.uniform(0.45, 0.65))
@@ -103,7 +103,7 @@ class _Window:
         y = FRAME_DEPTH / 2 + 0.05
         return y if self.face > y + 0.02 else self.face + 0.05
 
-    def blind(self, painter, rng: np.random.Generator) -> None:  # type: ignore[no-untyped-def]
+    def blind(self, painter: MakePainter, rng: np.random.Generator) -> None:
         """Slats that cover the upper part of the window, more or less open."""
         share, tilt, pitch = rng.uniform(0.25, 1.0), rng.uniform(0.75, 1.3), float(rng.choice((0.06, 0.08)))
         tilt *= float(rng.choice((-1.0, 1.0)))
@@ -125,7 +125,7 @@ class _Window:
         paint.box(name, (-half, y - 0.015, bottom - 0.015), (half, y + 0.015, bottom), tint)
         paint.flush()
 
-    def roller(self, painter, rng: np.random.Generator) -> None:  # type: ignore[no-untyped-def]
+    def roller(self, painter: MakePainter, rng: np.random.Generator) -> None:
         """A cloth that lets daylight through, part of the way down."""
         y, half, top = self._shade_plane(), self.half - 0.01, self.high - 0.005
         bottom = top - rng.uniform(0.15, 0.9) * (top - self.low)
@@ -137,7 +137,7 @@ class _Window:
         paint.box("lacquer", (-half, y - 0.008, bottom - 0.02), (half, y + 0.012, bottom), 0.9)
         paint.flush()
 
-    def curtains(self, painter, cloth: tuple[str, Array], rng: np.random.Generator) -> None:  # type: ignore[no-untyped-def]
+    def curtains(self, painter: MakePainter, cloth: tuple[str, Array], rng: np.random.Generator) -> None:
         """Two folded cloths on a rod, drawn aside or partly over the window."""
         y, rod = self.face + _OFF, min(self.high + rng.uniform(0.08, 0.3), self.ceiling - 0.06)
         beside, drawn = rng.uniform(0.12, 0.3), rng.uniform(0.0, 0.45)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from galoc_env.scene.fittings_draw import DRAW
 from galoc_env.scene.ground import Clutter
 from galoc_env.scene.light import Lighting
+from galoc_env.scene.litter import DEPTH, add_scuffs
 from galoc_env.scene.litter import DRAW as DRAW_LITTER
-from galoc_env.scene.litter import add_scuffs
 from galoc_env.scene.mesh import FITTING, MeshBuilder
 from galoc_env.scene.openings import Hole
 from galoc_env.scene.rooms import CORE, Rooms
@@ -29,26 +29,12 @@ MAX_FITTINGS = 220
 """Most fittings of a plan, beside switches: huge plans stay fast to build and to draw."""
 WALL_PER_FITTING = 3.2
 """Length of wall for each fitting at density 1, m."""
+WALL_PER_THING = 4.5
+"""Length of wall for each thing on the floor at density 1, m; half the density has a quarter of them."""
 _CLEAR = 0.25
 """From the edge of a window to a fitting: room for curtains, m."""
 _TRIES = 4
-
-_LITTER = {
-    "living": {"books": 1.0, "cable": 1.5, "toys": 1.5, "bag": 0.7, "leaning": 0.5, "carton": 0.4},
-    "bed": {"books": 1.0, "shoes": 1.0, "toys": 1.0, "bag": 1.0, "cable": 1.0, "carton": 0.6, "leaning": 0.5},
-    "kitchen": {"bin": 2.0, "carton": 0.6, "bag": 1.0, "toys": 0.4},
-    "bath": {"bin": 1.5, "shoes": 0.4, "bag": 0.4},
-    "hall": {"shoes": 3.0, "bag": 1.5, "carton": 0.7, "toys": 0.4},
-    "office": {"bin": 1.5, "cable": 2.0, "carton": 1.0, "bag": 0.7, "books": 1.0},
-    "other": {"carton": 1.0, "cable": 1.0, "bin": 1.0, "leaning": 0.5, "books": 0.5},
-}
-"""The same for what stands on the floor."""
-WALL_PER_THING = 4.5
-"""Length of wall for each thing on the floor at density 1, m; half the density has a quarter of them."""
-_ONCE = {"tv", "clock", "board", "bin", "calendar"}
-"""No room has two of these."""
-_BELOW = {"tv": 0.55}
-"""What hangs over no higher furniture, m: nobody watches a screen above a sofa."""
+"""Places that are tried for each fitting."""
 
 _WANTED: dict[str, dict[str, float]] = {
     "living": {"pictures": 5, "poster": 0.8, "mirror": 0.7, "tv": 1.2, "shelf": 1.2, "clock": 0.5, "sconce": 0.6},
@@ -60,6 +46,20 @@ _WANTED: dict[str, dict[str, float]] = {
     "other": {"pictures": 3.0, "board": 1.0, "clock": 0.5, "sconce": 0.5, "shelf": 0.5},
 }
 """How often each kind is tried, by the use of the room."""
+_LITTER: dict[str, dict[str, float]] = {
+    "living": {"books": 1.0, "cable": 1.5, "toys": 1.5, "bag": 0.7, "leaning": 0.5, "carton": 0.4},
+    "bed": {"books": 1.0, "shoes": 1.0, "toys": 1.0, "bag": 1.0, "cable": 1.0, "carton": 0.6, "leaning": 0.5},
+    "kitchen": {"bin": 2.0, "carton": 0.6, "bag": 1.0, "toys": 0.4},
+    "bath": {"bin": 1.5, "shoes": 0.4, "bag": 0.4},
+    "hall": {"shoes": 3.0, "bag": 1.5, "carton": 0.7, "toys": 0.4},
+    "office": {"bin": 1.5, "cable": 2.0, "carton": 1.0, "bag": 0.7, "books": 1.0},
+    "other": {"carton": 1.0, "cable": 1.0, "bin": 1.0, "leaning": 0.5, "books": 0.5},
+}
+"""The same for what stands on the floor."""
+_ONCE = {"tv", "clock", "board", "bin", "calendar"}
+"""No room has two of these."""
+_BELOW = {"tv": 0.55}
+"""What hangs over no higher furniture, m: nobody watches a screen above a sofa."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +73,13 @@ class _Size:
 
 
 _SIZES = {
-    "bag": _Size((0.3, 0.4), (0.35, 0.5), (0.0, 0.0), 0.24),
-    "bin": _Size((0.24, 0.26), (0.25, 0.4), (0.0, 0.0), 0.24),
+    "bag": _Size((0.3, 0.4), (0.35, 0.5), (0.0, 0.0), DEPTH),
+    "bin": _Size((0.24, 0.26), (0.25, 0.4), (0.0, 0.0), DEPTH),
     "board": _Size((0.9, 1.8), (0.6, 1.0), (0.9, 1.1), 0.03),
-    "books": _Size((0.26, 0.28), (0.2, 0.2), (0.0, 0.0), 0.24),
-    "cable": _Size((0.7, 1.3), (0.3, 0.3), (0.0, 0.0), 0.24),
+    "books": _Size((0.26, 0.28), (0.2, 0.2), (0.0, 0.0), DEPTH),
+    "cable": _Size((0.7, 1.3), (0.3, 0.3), (0.0, 0.0), DEPTH),
     "calendar": _Size((0.24, 0.34), (0.34, 0.48), (1.2, 1.4), 0.01),
-    "carton": _Size((0.3, 0.45), (0.2, 0.35), (0.0, 0.0), 0.24),
+    "carton": _Size((0.3, 0.45), (0.2, 0.35), (0.0, 0.0), DEPTH),
     "clock": _Size((0.24, 0.38), (0.24, 0.38), (1.7, 1.9), 0.05),
     "hooks": _Size((0.4, 0.9), (0.6, 0.7), (1.1, 1.2), 0.16),
     "leaning": _Size((0.4, 0.8), (0.4, 0.7), (0.0, 0.0), 0.15),
@@ -89,11 +89,12 @@ _SIZES = {
     "poster": _Size((0.4, 0.75), (0.55, 1.0), (0.9, 1.2), 0.01),
     "sconce": _Size((0.14, 0.2), (0.2, 0.3), (1.5, 1.7), 0.14),
     "shelf": _Size((0.5, 1.2), (0.3, 0.7), (1.2, 1.6), 0.22),
-    "shoes": _Size((0.3, 0.6), (0.12, 0.12), (0.0, 0.0), 0.24),
+    "shoes": _Size((0.3, 0.6), (0.12, 0.12), (0.0, 0.0), DEPTH),
     "towels": _Size((0.45, 0.7), (0.6, 1.2), (0.5, 1.0), 0.12),
-    "toys": _Size((0.4, 0.6), (0.2, 0.2), (0.0, 0.0), 0.24),
+    "toys": _Size((0.4, 0.6), (0.2, 0.2), (0.0, 0.0), DEPTH),
     "tv": _Size((0.9, 1.5), (0.52, 0.85), (0.8, 1.1), 0.07),
 }
+_DRAW = DRAW | DRAW_LITTER
 
 
 class _Walls:
@@ -208,7 +209,7 @@ def add_fittings(
                 side, s = found
                 once.update({kind} & _ONCE)
                 paint = _painter(builder, walls.foot(side, s), side.normal, low, rooms.style(room).light, lighting)
-                (DRAW_LITTER if kind in DRAW_LITTER else DRAW)[kind](paint, width, height, own)
+                _DRAW[kind](paint, width, height, own)
                 paint.flush()
     add_scuffs(builder, plan, rooms, walls.sides, cuts, lighting, density, rng)
 
@@ -244,5 +245,5 @@ def _painter(
     """Frame on a wall at a height: x off the wall, y along it (to the left for who looks out of it), z up."""
     heading = math.atan2(normal[1], normal[0])
     instance = builder.new_instance(FITTING)
-    paint = SolidPainter(builder, lighting, float(foot[0]), float(foot[1]), heading, light, instance, queue=[])
+    paint = SolidPainter(builder, lighting, float(foot[0]), float(foot[1]), heading, light, instance)
     return paint.at((0.0, 0.0, low))

@@ -37,7 +37,7 @@ def add_furniture(
     for number, (item, room) in enumerate(zip(items, found, strict=True)):
         style = rooms.style(int(room))
         paint = SolidPainter(
-            builder, lighting, item.x, item.y, item.heading, style.light, builder.new_instance(FURNITURE), []
+            builder, lighting, item.x, item.y, item.heading, style.light, builder.new_instance(FURNITURE)
         )
         key = [home, 1, item.group] if item.group else [home, 0, number]
         look = Look(np.random.default_rng(key), str(style.wall), np.asarray(style.wall_tint), stock)

@@ -40,7 +40,7 @@ def _pot(look: Look) -> Skin:
     if draw < 0.6:
         return "lacquer", np.array([0.72, 0.42, 0.3]) * look.between(0.85, 1.1)
     if draw < 0.8:
-        return skin("weave" if "weave" in look.stock.cloths else look.stock.timbers[0], np.array([0.85, 0.68, 0.48]))
+        return skin(look.wicker(), np.array([0.85, 0.68, 0.48]))
     return "lacquer", 0.8 * muted(look.rng)
 
 
@@ -192,10 +192,7 @@ def basket(paint: SolidPainter, item: Furniture, look: Look) -> None:
     r = min(a, b)
     design = int(look.rng.integers(3))
     if design == 0:
-        made = skin(
-            "weave" if "weave" in look.stock.cloths else look.stock.timbers[0],
-            np.array([0.9, 0.74, 0.55]) * look.between(0.8, 1.1),
-        )
+        made = skin(look.wicker(), np.array([0.9, 0.74, 0.55]) * look.between(0.8, 1.1))
         profile = ((0.8 * r, 0), (r, 0.9 * top), (r, top), (0.9 * r, top), (0.75 * r, 0.3 * top))
         paint.lathe(made[0], (0, 0), profile, made[1], sides=12)
     elif design == 1:

@@ -9,7 +9,7 @@ import numpy as np
 from galoc_env.furniture import Furniture
 from galoc_env.furniture.kitchen import COUNTER, UPPER
 from galoc_env.scene.furniture_palette import BLACK, Look, Skin, muted, skin
-from galoc_env.scene.furniture_storage import fronts, handles, trinket
+from galoc_env.scene.furniture_storage import bars, free_edges, fronts, handles, trinket
 from galoc_env.scene.solids import SolidPainter
 
 PLINTH, TOP = 0.1, 0.04
@@ -91,7 +91,7 @@ def _unit(paint: SolidPainter, look: Look, fit: Fittings, unit: str, face: tuple
     if fit.grip:
         middle = 0.5 * (spots[:, 0] + spots[:, 1])
         upright = unit in "DS"
-        y = np.where(spots[:, 4] % 2 == 0, spots[:, 1] - 0.04, spots[:, 0] + 0.04) if upright else middle
+        y = free_edges(spots, 0.04) if upright else middle
         z = spots[:, 3] - (0.06 + fit.grip / 2 if upright else 0.035)
         _grips(paint, fit, x + 0.018, np.column_stack([y, z]), upright)
     else:
@@ -102,9 +102,7 @@ def _unit(paint: SolidPainter, look: Look, fit: Fittings, unit: str, face: tuple
 
 def _grips(paint: SolidPainter, fit: Fittings, x: float, places: np.ndarray, upright: bool) -> None:
     size = np.array([0.022, 0.012, fit.grip] if upright else [0.022, fit.grip, 0.012])
-    low = np.column_stack([np.full(len(places), x), places]) - (0.0, size[1] / 2, size[2] / 2)
-    made = skin("metal", 0.95)
-    paint.box(made[0], low, low + size, made[1], hide="x")
+    bars(paint, skin("metal", 0.95), x, places, size)
 
 
 def _oven(paint: SolidPainter, look: Look, face: tuple[float, float, float, float, float]) -> None:
@@ -234,7 +232,7 @@ def fridge(paint: SolidPainter, item: Furniture, look: Look) -> None:
     if look.chance(0.08):
         made = "lacquer", BLACK
     split = look.between(0.3, 0.4) * top if look.chance(0.7) else 0.7 * top
-    paint.box(made[0], (-a, -b, 0.05), (a - 0.06, b, top), 0.92 * made[1], hide="")
+    paint.box(made[0], (-a, -b, 0.05), (a - 0.06, b, top), 0.92 * made[1])
     paint.box("lacquer", (-a, -b, 0.0), (a - 0.08, b, 0.05), 0.2, hide="Z")
     fronts(paint, made, (a - 0.06, -b, b, 0.06, split), (1, 1))
     fronts(paint, made, (a - 0.06, -b, b, split, top), (1, 1))

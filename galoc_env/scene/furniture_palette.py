@@ -10,12 +10,16 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Skin = tuple[str, Array]
+"""Material and tint."""
 
 CLOTHS = ("fabric", "weave", "velvet", "check", "ticking")
 TIMBERS = ("wood", "oak", "walnut", "pine")
 TOPS = ("marble", "granite", "concrete")
 TILES = ("metro", "mosaic", "wall_tiles", "tiles")
 RUGS = ("rug", "rug", "loop_carpet", "carpet")
+"""What a home's :class:`Stock` is drawn from."""
+BLACK, GREY = np.full(3, 0.1), np.full(3, 0.45)
+"""Tints of lacquer."""
 # Mean colour of the wall materials relative to lacquer; painted furniture takes it on.
 _WALL_TONE = {
     "plaster": (0.967, 0.955, 0.933),
@@ -91,6 +95,10 @@ class Look:
         name = str(self.rng.choice(self.stock.timbers))
         return name, self.rng.uniform(0.75, 1.05) * np.array([1.0, self.rng.uniform(0.94, 1), 0.94])
 
+    def wicker(self) -> str:
+        """The material of baskets: coarse cloth where the home has any, else wood."""
+        return "weave" if "weave" in self.stock.cloths else self.stock.timbers[0]
+
     def front(self, wall: float = 0.3, white: float = 0.25) -> Skin:
         """Fronts of cupboards: in the wall's tone, white, coloured or wooden; the first two with these shares."""
         draw = self.rng.uniform()
@@ -118,7 +126,3 @@ def muted(rng: np.random.Generator) -> Array:
 def skin(name: str, tint: float | Array = 1.0) -> Skin:
     """A material with its tint."""
     return name, np.broadcast_to(np.asarray(tint, np.float64), (3,))
-
-
-BLACK, GREY = np.full(3, 0.1), np.full(3, 0.45)
-"""Tints of lacquer."""

@@ -45,8 +45,23 @@ def handles(paint: SolidPainter, look: Look, x: float, places: np.ndarray, *, lo
     size = np.array([0.02, 0.012, long]) if upright else np.array([0.02, long, 0.012])
     if look.chance(0.25):
         size = np.array([0.022, 0.026, 0.026])
+    bars(paint, made, x, places, size)
+
+
+def bars(paint: SolidPainter, made: Skin, x: float, places: np.ndarray, size: np.ndarray) -> None:
+    """Boxes of one size (3,), centred on (y, z) places (N, 2) of the plane x, m."""
     low = np.column_stack([np.full(len(places), x), places]) - (0.0, size[1] / 2, size[2] / 2)
     paint.box(made[0], low, low + size, made[1], hide="x")
+
+
+def free_edges(spots: np.ndarray, inset: float) -> np.ndarray:
+    """(N,) y where doors have their handles, ``inset`` m from an edge: neighbours open away from each other.
+
+    Args:
+        spots: (N, 6) what :func:`fronts` gives.
+        inset: m.
+    """
+    return np.where(spots[:, 4] % 2 == 0, spots[:, 1] - inset, spots[:, 0] + inset)
 
 
 def wardrobe(paint: SolidPainter, item: Furniture, look: Look) -> None:
@@ -70,11 +85,8 @@ def wardrobe(paint: SolidPainter, item: Furniture, look: Look) -> None:
         low = np.column_stack([np.full(doors, a - 0.022), spots[:, 0] + frame, spots[:, 2] + frame])
         high = np.column_stack([np.full(doors, a - 0.016), spots[:, 1] - frame, spots[:, 3] - frame])
         paint.box(made[0], low, high, 0.93 * made[1], hide="x")
-    even = spots[:, 4] % 2 == 0
-    y = np.where(even, spots[:, 1] - 0.045, spots[:, 0] + 0.045)
-    handles(
-        paint, look, a - 0.022, np.column_stack([y, np.full(doors, 1.05)]), long=look.between(0.14, 0.4), upright=True
-    )
+    places = np.column_stack([free_edges(spots, 0.045), np.full(doors, 1.05)])
+    handles(paint, look, a - 0.022, places, long=look.between(0.14, 0.4), upright=True)
 
 
 def _sliding(paint: SolidPainter, item: Furniture, look: Look, made: Skin) -> None:
@@ -113,8 +125,8 @@ def shelf(paint: SolidPainter, item: Furniture, look: Look) -> None:
         first = 2 if boards > 4 else 1
         columns = max(1, round(item.width / 0.5))
         spots = fronts(paint, made, (a - 0.018, -b + 0.02, b - 0.02, 0.03, z[first]), (columns, 1))
-        y = np.where(spots[:, 4] % 2 == 0, spots[:, 1] - 0.04, spots[:, 0] + 0.04)
-        handles(paint, look, a, np.column_stack([y, spots[:, 3] - 0.1]), long=0.12, upright=True)
+        places = np.column_stack([free_edges(spots, 0.04), spots[:, 3] - 0.1])
+        handles(paint, look, a, places, long=0.12, upright=True)
     for k in range(first, boards):
         _row(paint, look, (-a + 0.02, a - 0.03, -b + 0.03, b - 0.03), (float(z[k]) + 0.025, pitch - 0.03))
 
@@ -137,11 +149,8 @@ def _row(paint: SolidPainter, look: Look, field: tuple[float, float, float, floa
                     "books", (x0, start, z), (deep, start + wide / rows, z + tall), look.between(0.7, 1.0), hide="xz"
                 )
         elif draw < 0.78:
-            made = (
-                skin("weave" if "weave" in look.stock.cloths else look.stock.timbers[0], np.array([0.9, 0.75, 0.55]))
-                if look.chance(0.5)
-                else ("lacquer", muted(look.rng))
-            )
+            woven = look.chance(0.5)
+            made = skin(look.wicker(), np.array([0.9, 0.75, 0.55])) if woven else ("lacquer", muted(look.rng))
             paint.box(made[0], (x0, y + 0.01, z), (x1, y + wide - 0.01, z + 0.7 * free), made[1], hide="xz")
         elif draw < 0.9:
             trinket(paint, look, ((x0 + x1) / 2, y + wide / 2, z), min(free, 0.3), min(wide, x1 - x0) / 2)
@@ -192,8 +201,8 @@ def cabinet(paint: SolidPainter, item: Furniture, look: Look) -> None:
     if rows > 1:
         handles(paint, look, a - 0.002, np.column_stack([middle, spots[:, 3] - 0.05]), long=0.14, upright=False)
     else:
-        y = np.where(spots[:, 4] % 2 == 0, spots[:, 1] - 0.04, spots[:, 0] + 0.04)
-        handles(paint, look, a - 0.002, np.column_stack([y, spots[:, 3] - 0.12]), long=0.12, upright=True)
+        places = np.column_stack([free_edges(spots, 0.04), spots[:, 3] - 0.12])
+        handles(paint, look, a - 0.002, places, long=0.12, upright=True)
     for y in np.linspace(-0.7 * b, 0.7 * b, 3):
         draw = look.rng.uniform()
         if draw < 0.2:

@@ -147,7 +147,6 @@ def desk(paint: SolidPainter, item: Furniture, look: Look) -> None:
 
 def monitor(paint: SolidPainter, look: Look, size: tuple[float, float]) -> None:
     """A screen on a foot at the frame's origin, facing +x: width and height of the panel, m."""
-    w, h = size
     case = BLACK if look.chance(0.7) else GREY
     paint.box("lacquer", (-0.09, -0.12, 0), (0.09, 0.12, 0.012), case, hide="z")
     paint.box("lacquer", (-0.035, -0.025, 0.012), (-0.02, 0.025, 0.2), case, hide="zZ")

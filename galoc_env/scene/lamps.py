@@ -82,7 +82,7 @@ def add_lamps(
         shown = 1.0 - (0.5 if on else 0.3) * (1.0 - colour / colour.max())  # lit, it is brighter than white
         for x, y in spots:
             paint = SolidPainter(
-                builder, lighting, x, y, float(own.uniform(0, math.pi)), 1.0, builder.new_instance(FITTING), queue=[]
+                builder, lighting, x, y, float(own.uniform(0, math.pi)), 1.0, builder.new_instance(FITTING)
             )
             glow = 1.25 if on else 0.0
             height = kind(paint, plan.ceiling_height, glow, shown, np.random.default_rng(look))
@@ -199,7 +199,7 @@ def _dome(paint: SolidPainter, ceiling: float, glow: float, colour: Array, rng: 
 def _disc(paint: SolidPainter, ceiling: float, glow: float, colour: Array, rng: np.random.Generator) -> float:
     """A flat lamp on the ceiling, round or square."""
     r, h = rng.uniform(0.14, 0.26), rng.uniform(0.05, 0.1)
-    sides, low = (14, ceiling - h) if rng.uniform() < 0.6 else (4, ceiling - h)
+    sides, low = 14 if rng.uniform() < 0.6 else 4, ceiling - h
     paint.lathe("shade", (0, 0), [(0.85 * r, low), (r, low + 0.3 * h), (r, ceiling - 0.015)], colour, sides=sides,
                 low=True, glow=glow)  # fmt: skip
     paint.prism("metal", (0, 0, ceiling - 0.015, ceiling), (1.03 * r, 1.03 * r), 0.8, sides=sides)

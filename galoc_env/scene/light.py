@@ -1,4 +1,4 @@
-"""Baked light: cheap, deterministic and strong enough that a person can tell walls, floor and ceiling apart."""
+"""What lights a scene: lamps and the sun, and the simple light of renderers that have none of their own."""
 
 from __future__ import annotations
 

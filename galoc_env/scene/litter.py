@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 DEPTH = 0.24
-"""Things stand no further off the wall, m."""
+"""Things reach no further off the wall, m."""
 MAX_SCUFFS = 60
 """Most scuffs of a plan."""
 WALL_PER_SCUFF = 3.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -87,10 +87,9 @@ class MeshBuilder:
         p, colour = np.asarray(points, np.float64), np.broadcast_to(np.asarray(tint, np.float64), (3,))
         bright = np.asarray(min(glow, 1.0) if glow > 0.0 else light, np.float64)
         shade = np.broadcast_to(bright, (len(p),))[:, None] * colour
-        part = _Part(
-            p, np.asarray(uv_m, np.float64), shade, np.asarray(faces, np.int64), instance, self._semantics[instance]
-        )
-        self._parts.setdefault(name, []).append(replace(part, tint=colour, glow=glow))
+        uv, corners = np.asarray(uv_m, np.float64), np.asarray(faces, np.int64)
+        part = _Part(p, uv, shade, corners, instance, self._semantics[instance], colour, glow)
+        self._parts.setdefault(name, []).append(part)
 
     def add_quad(
         self,
@@ -131,8 +130,8 @@ class _Part:
     faces: NDArray[np.int64]
     instance: int
     semantic: int
-    tint: Array = field(default_factory=lambda: np.ones(3))
-    glow: float = 0.0
+    tint: Array
+    glow: float
 
 
 def _merge(name: str, parts: list[_Part], seed: int) -> SceneMesh:

@@ -51,7 +51,7 @@ class Hole:
         heading = math.atan2(side * self.along[1], side * self.along[0])
         light = (self.styles[0].light + self.styles[1].light) / 2
         x, y = float(self.middle[0]), float(self.middle[1])
-        return SolidPainter(builder, lighting, x, y, heading, light, instance, queue=[])
+        return SolidPainter(builder, lighting, x, y, heading, light, instance)
 
 
 def find_holes(plan: Floorplan, rooms: Rooms) -> list[Hole]:

@@ -63,7 +63,7 @@ class Rooms:
         return self.styles[max(room, REST)]
 
     def use(self, room: int) -> str:
-        """What a room is used for: one of ``scene_styles.USES``."""
+        """What a room is used for: one of ``galoc_env.scene.styles.USES``."""
         return self.style(room).use
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,7 +41,8 @@ class Part:
 class SolidPainter:
     """Adds solids of one instance, placed in a frame that stands on the floor at (x, y), turned by heading.
 
-    Faces are seen from outside only; textures run in metres, upright on upright faces.
+    Faces are seen from outside only; textures run in metres, upright on upright faces. Nothing is in the builder before
+    :meth:`flush`.
     """
 
     builder: MeshBuilder
@@ -57,8 +59,8 @@ class SolidPainter:
     """Factor on the brightness."""
     instance: int
     """Instance number of all faces."""
-    queue: list[Part] | None = None
-    """Collects parts until :meth:`flush`, which is much faster; None: every solid is added at once."""
+    queue: list[Part] = field(default_factory=list)
+    """Parts that wait for :meth:`flush`: adding many at once is much faster."""
     turn: Array | None = None
     """(3, 3) rotation of the part's frame (rows are its axes) within the piece's; None: none."""
     shift: Triple = (0.0, 0.0, 0.0)
@@ -88,18 +90,13 @@ class SolidPainter:
         flat = np.asarray(corners, np.float64)
         placed = flat if self.turn is None else flat @ self.turn + self.shift
         colour = tuple(np.broadcast_to(np.asarray(tint, np.float64), (3,)).tolist())
-        part = Part((name, colour, glow), flat, placed)
-        if self.queue is None:
-            self._add([part])
-        else:
-            self.queue.append(part)
+        self.queue.append(Part((name, colour, glow), flat, placed))
 
     def flush(self) -> None:
         """Add what the queue holds."""
-        if self.queue:
-            for count in sorted({part.flat.shape[1] for part in self.queue}):
-                self._add([part for part in self.queue if part.flat.shape[1] == count])
-            self.queue.clear()
+        for count in sorted({part.flat.shape[1] for part in self.queue}):
+            self._add([part for part in self.queue if part.flat.shape[1] == count])
+        self.queue.clear()
 
     def _add(self, parts: list[Part]) -> None:
         """Add parts whose polygons all have the same number of corners: one call of the builder for each look."""
@@ -270,14 +267,19 @@ class SolidPainter:
         side = np.array([1.0, 0.0, 0.0]) if abs(along[0]) < 0.7 else np.array([0.0, 1.0, 0.0])
         u = side - along * (side @ along)
         u /= np.linalg.norm(u)
-        v = np.array([along[1] * u[2] - along[2] * u[1], along[2] * u[0] - along[0] * u[2]])
-        v = np.array([*v, along[0] * u[1] - along[1] * u[0]])
+        v = np.array(
+            [
+                along[1] * u[2] - along[2] * u[1],
+                along[2] * u[0] - along[0] * u[2],
+                along[0] * u[1] - along[1] * u[0],
+            ]
+        )
         ring = circle(sides) @ np.stack([u, v])
-        floor = ends and a[2] > 0.01 if self.turn is None else ends
+        low = ends and (self.turn is not None or a[2] > 0.01)  # what stands on the floor has no bottom
         rings = np.stack([a + radii[0] * ring, b + radii[1] * ring])
         if self.turn is None:
             rings[..., 2] = np.maximum(rings[..., 2], 0.0)  # a splayed leg ends on the floor
-        self.loft(name, rings, tint, low=floor, high=ends)
+        self.loft(name, rings, tint, low=low, high=ends)
 
     def extrusion(
         self, name: str, outline: ArrayLike, z: tuple[float, float], tint: ArrayLike = 1.0, *, low: bool = True
@@ -291,3 +293,7 @@ class SolidPainter:
         """Flat convex polygons (F, K, 3) m seen from both sides."""
         c = np.asarray(corners, np.float64)
         self.polygons(name, np.concatenate([c, c[:, ::-1]]), tint, glow=glow)
+
+
+MakePainter = Callable[[], SolidPainter]
+"""Makes an instance only when there is something to draw."""

@@ -16,6 +16,7 @@ USES = ("living", "bed", "kitchen", "bath", "hall", "office", "other")
 """What rooms are used for; "other" is what no wall encloses."""
 WHITE = np.ones(3)
 _HALL_WIDTH = 2.1
+"""Rooms narrower than this with two doors or more are halls, m."""
 _GRAND = 60.0
 """Rooms larger than this (m2) are no rooms of a home: offices, shops."""
 
@@ -195,30 +196,30 @@ def draw_style(use: str, trim: Trim, rng: np.random.Generator) -> Style:
         ceiling = np.minimum(0.96 * tint * rng.uniform(0.97, 1.03), 1.0)
     skirting = (trim.casing, trim.casing, Coat(wall, 0.96 * tint), Coat("lacquer"))[int(rng.integers(4))]
     height = 0.0 if use == "bath" or rng.uniform() < 0.08 else float(rng.choice((0.06, 0.08, 0.10, 0.14)))
-    dado, dado_height = _dado(use, wall, trim, rng)
+    dado, dado_height = _dado(use, wall, rng)
     accent = rng.uniform() < 0.25 and painted and dado is None and use in ("living", "bed", "kitchen", "office")
     name = str(rng.choice(_ACCENTS))
     depth = (0.6, (0.4, 0.9)) if name == "plaster" else (0.1, (0.85, 1.0))
     coat = Coat(name, tinge(rng, *depth))
     return Style(
-        use,
-        floor,
-        wall,
-        tint,
-        tinge(rng, 0.06, (0.72, 1.0)),
-        float(rng.uniform(0.90, 1.0)),
-        ceiling,
-        skirting,
-        height,
-        float(rng.choice((0.05, 0.08, 0.14))) if rng.uniform() < 0.22 else 0.0,
-        dado,
-        dado_height,
-        coat if accent else None,
-        float(rng.integers(4)) * math.pi / 2,
+        use=use,
+        floor=floor,
+        wall=wall,
+        wall_tint=tint,
+        floor_tint=tinge(rng, 0.06, (0.72, 1.0)),
+        light=float(rng.uniform(0.90, 1.0)),
+        ceiling_tint=ceiling,
+        skirting=skirting,
+        skirting_height=height,
+        cornice=float(rng.choice((0.05, 0.08, 0.14))) if rng.uniform() < 0.22 else 0.0,
+        dado=dado,
+        dado_height=dado_height,
+        accent=coat if accent else None,
+        accent_bearing=float(rng.integers(4)) * math.pi / 2,
     )
 
 
-def _dado(use: str, wall: str, trim: Trim, rng: np.random.Generator) -> tuple[Coat | None, float]:
+def _dado(use: str, wall: str, rng: np.random.Generator) -> tuple[Coat | None, float]:
     """Tiles in baths and kitchens, panelling or a darker paint elsewhere, where the wall above is no tiles itself."""
     chance, tall, pick = rng.uniform(), rng.uniform(0.0, 1.0), int(rng.integers(3))
     tiles = Coat(("metro", "wall_tiles", "mosaic")[pick], tinge(rng, 0.08, (0.9, 1.0)))

@@ -25,6 +25,7 @@ REACH = 0.03
 OVERLAP = 0.02
 """Walls reach this far through floor and ceiling, so that no crack shows the void, m."""
 _PROBE = 0.12
+"""This far off a wall's end another wall is looked for, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,9 +169,9 @@ def _add_side(
     points = np.dstack([xy, z]).reshape(-1, 3)
     light = style.light * lighting.wall(side.normal) * height_gradient(z, height) * _corner_gradient(side, s)
     # The right-hand direction for a viewer in front of the wall is along x normal up, which flips u on one side.
-    u = s if side.normal @ np.array([side.along[1], -side.along[0]]) > 0 else -s
-    uv = np.stack([u, z], axis=-1).reshape(-1, 2)
-    faces, middle = _grid_faces(columns, rows, cuts, flip=u is not s)
+    rightwards = side.normal @ np.array([side.along[1], -side.along[0]]) > 0
+    uv = np.stack([s if rightwards else -s, z], axis=-1).reshape(-1, 2)
+    faces, middle = _grid_faces(columns, rows, cuts, flip=not rightwards)
     band = np.searchsorted([top for top, _ in bands], middle)
     for k, (_, coat) in enumerate(bands):
         if (band == k).any():

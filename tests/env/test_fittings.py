@@ -199,7 +199,7 @@ def test_fittings_leave_windows_and_doors_free(homes):
             assert not (over & near & (points[:, 2] < door.top)).any()
 
 
-def test_things_on_the_floor_stop_nobody(homes):
+def test_things_on_the_floor_stop_nobody():
     """They stand where no body's centre gets to, on the floor, and there are more of them in a fuller home."""
     count = []
     for density in (0.3, 1.0):
@@ -367,7 +367,7 @@ def test_rooms_have_uses(homes):
         assert rooms.use(-1) == rooms.use(-2) == "other"
 
 
-def test_walls_come_in_many_looks(homes):
+def test_walls_come_in_many_looks():
     """Over a few homes walls wear most kinds of material, and some walls nearly match their ceilings."""
     worn, contrast = set(), []
     for seed in range(12):
@@ -407,17 +407,22 @@ def test_facets_are_few():
     assert triangles["wall"] < 45 * np.count_nonzero(scene.instance_semantic == WALL)
 
 
-def test_all_faces_of_boxes_look_outwards(homes):
-    """Every leaf is closed: its faces' area vectors cancel but for the missing underside of nothing."""
+def test_leaves_are_closed_and_look_outwards(homes):
+    """Their faces' area vectors cancel, and the faces turn outwards from their middle."""
     _, scene = homes[1]
     triangles, instance = faces(scene, DOOR)
+    checked = 0
     for number in np.unique(instance):
         mine = triangles[instance == number]
         if mine[..., 2].max() > 2.15 or mine[..., 2].min() < 0.005:
-            continue
+            continue  # frames stand on the floor
         area = 0.5 * np.cross(mine[:, 1] - mine[:, 0], mine[:, 2] - mine[:, 0])
         # Panels and plates have no back: what is missing on one side is missing on the other.
         assert np.linalg.norm(area.sum(axis=0)) < 0.05 * np.linalg.norm(area, axis=1).sum()
+        volume = ((mine[:, 0] - mine.mean(axis=(0, 1))) * area).sum() / 3
+        assert volume > 0.9 * THICKNESS * 0.5 * 1.9  # m3: of the smallest leaf, without what stands on it
+        checked += 1
+    assert checked == len(scene.leaves) // 4 > 0
 
 
 def test_another_process_builds_the_same_scene():

@@ -261,7 +261,7 @@ def test_no_two_faces_of_a_piece_fight_for_a_place():
             detail = details.get(kind, ("",))[k % 2 if kind in details else 0]
             width = 0.6 * len(detail) if kind in ("kitchen", "counter") else size[1]
             item = Furniture(kind, 0.0, 0.0, 0.0, size[0], width, size[2], detail=detail)
-            paint = SolidPainter(builder, Lighting(0.0), 0.0, 0.0, 0.0, 1.0, builder.new_instance(FURNITURE), [])
+            paint = SolidPainter(builder, Lighting(0.0), 0.0, 0.0, 0.0, 1.0, builder.new_instance(FURNITURE))
             DRAW[kind](paint, item, Look(np.random.default_rng([k, 5]), stock=stock))
             paint.flush()
             drawn.append(f"{kind} {k}")

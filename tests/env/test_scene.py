@@ -154,7 +154,7 @@ def test_textures_are_neither_stretched_nor_mirrored(scene):
         assert np.all(signed[true > 1e-6] > 0)
 
 
-def test_light_tells_surfaces_apart(scene):
+def test_light_tells_surfaces_apart():
     room = build_scene(Floorplan.from_segments([[0, 0, 4, 0], [4, 0, 4, 3], [4, 3, 0, 3], [0, 3, 0, 0]]), furniture=0.0)
     mean = []
     for number in np.flatnonzero(room.instance_semantic == WALL):

@@ -22,9 +22,15 @@ SPLAY = 0.035
 """Handles and cushions may stand out of a piece's box by this much, m."""
 
 
-def painter(queue=None):
+def painter():
     builder = MeshBuilder()
-    return builder, SolidPainter(builder, Lighting(0.7), 3.0, 2.0, 0.4, 1.0, builder.new_instance(FURNITURE), queue)
+    return SolidPainter(builder, Lighting(0.7), 3.0, 2.0, 0.4, 1.0, builder.new_instance(FURNITURE))
+
+
+def painted(paint):
+    """What :func:`faces` says of all that was painted."""
+    paint.flush()
+    return faces(paint.builder)
 
 
 def faces(builder, tmp_seed=0):
@@ -74,9 +80,9 @@ SOLIDS = {
 @pytest.mark.parametrize("turned", [False, True])
 def test_solids_are_closed_and_turn_outwards(name, turned):
     draw, expected = SOLIDS[name]
-    builder, paint = painter()
+    paint = painter()
     draw(paint.at((0.2, -0.3, 1.5), tilt=0.5, roll=-0.3, turn=1.1) if turned else paint)
-    triangles, _, _ = faces(builder)
+    triangles, _, _ = painted(paint)
     assert np.abs(area_vectors(triangles).sum(axis=0)).max() < 1e-9
     found = volume(triangles - triangles.mean(axis=(0, 1)))
     # 64 sides fall short of a circle by 0.2 %.
@@ -85,9 +91,9 @@ def test_solids_are_closed_and_turn_outwards(name, turned):
 
 @pytest.mark.parametrize("name", SOLIDS)
 def test_textures_have_their_true_size(name):
-    builder, paint = painter()
+    paint = painter()
     SOLIDS[name][0](paint)
-    triangles, uv, _ = faces(builder)
+    triangles, uv, _ = painted(paint)
     a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
     signed = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     np.testing.assert_allclose(signed, np.linalg.norm(area_vectors(triangles), axis=1), rtol=1e-6, atol=1e-12)
@@ -95,54 +101,54 @@ def test_textures_have_their_true_size(name):
 
 def test_a_box_can_leave_faces_out_and_has_no_bottom_on_the_floor():
     for hide, low, count in (("", 0.5, 12), ("x", 0.5, 10), ("xXyY", 0.5, 4), ("", 0.0, 10)):
-        builder, paint = painter()
+        paint = painter()
         paint.box("wood", (-1, -1, low), (1, 1, 1), hide=hide)
-        assert len(faces(builder)[0]) == count
-    builder, paint = painter()
+        assert len(painted(paint)[0]) == count
+    paint = painter()
     paint.box("wood", (-1, -1, 0.5), (1, 1, 1), hide="X")
-    away = area_vectors(faces(builder)[0]) @ (math.cos(0.4), math.sin(0.4), 0.0)
+    away = area_vectors(painted(paint)[0]) @ (math.cos(0.4), math.sin(0.4), 0.0)
     assert away.max() < 1e-9 < -away.min()  # nothing faces the frame's +x
 
 
 def test_frames_of_frames():
     """Leaning backwards is towards -x of the frame, and the turn comes last."""
-    builder, paint = painter()
+    paint = painter()
     paint.at((1.0, 0.0, 0.5), turn=math.pi / 2).at((0.0, 0.0, 0.0), tilt=math.pi / 2).box(
         "wood", (0.0, 0.0, 1.0), (0.001, 0.001, 1.001)
     )
-    point = faces(builder)[0].reshape(-1, 3).mean(axis=0)
+    point = painted(paint)[0].reshape(-1, 3).mean(axis=0)
     # Tilted: 1 m up becomes 1 m back; turned by 90 degrees: 1 m to the right. Then the frame's own place.
     c, s = math.cos(0.4), math.sin(0.4)
     np.testing.assert_allclose(point, [3.0 + c * 1.0 + s * 1.0, 2.0 + s * 1.0 - c * 1.0, 0.5], atol=2e-3)
 
 
 def test_a_queue_changes_the_order_only():
-    at_once, queued = painter(), painter([])
-    for builder, paint in (at_once, queued):
-        for draw, _ in SOLIDS.values():
-            draw(paint)
-        paint.flush()
-        assert builder.finish(0)
-    a, b = (faces(builder) for builder, _ in (at_once, queued))
-    for first, second in zip(a, b, strict=True):
-        rows = [np.sort(np.round(x.reshape(len(x), -1).astype(float), 9), axis=0) for x in (first, second)]
-        np.testing.assert_array_equal(*rows)
+    """Flushed after each solid, or once: the same faces, each with its own texture coordinates and shade."""
+    once, often = painter(), painter()
+    for draw, _ in SOLIDS.values():
+        draw(once)
+        draw(often)
+        often.flush()
+    a, b = (np.concatenate([x.reshape(len(x), -1) for x in painted(paint)], axis=1) for paint in (once, often))
+    a, b = (np.round(rows.astype(float), 9) for rows in (a, b))
+    np.testing.assert_array_equal(a[np.lexsort(a.T)], b[np.lexsort(b.T)])
 
 
 def test_sheets_are_seen_from_both_sides_and_glow_is_kept():
-    builder, paint = painter()
+    paint = painter()
     paint.sheets("leaves", [[(0, 0, 1), (1, 0, 1), (1, 0, 2), (0, 0, 2)]])
     paint.prism("fabric", (0, 0, 1, 2), (0.3, 0.2), glow=1.2)
-    fabric, leaves = builder.finish(0)
+    paint.flush()
+    fabric, leaves = paint.builder.finish(0)
     assert np.abs(area_vectors(np.asarray(leaves.mesh.triangles)).sum(axis=0)).max() < 1e-12
     assert len(leaves.glow) == 4 and not leaves.glow.any()
     np.testing.assert_allclose(fabric.glow, 1.2, rtol=1e-6)
 
 
 def test_light_follows_direction():
-    builder, paint = painter()
+    paint = painter()
     paint.box("lacquer", (-1, -1, 1), (1, 1, 2))
-    triangles, _, shade = faces(builder)
+    triangles, _, shade = painted(paint)
     up = area_vectors(triangles)[:, 2] > 0.1
     down = area_vectors(triangles)[:, 2] < -0.1
     assert shade[up].min() > shade[down].max()

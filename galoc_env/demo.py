@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from galoc import Floorplan
 from galoc.formats.atomic import write_atomic
+from galoc.metrics import HOLD
 from galoc_env.env import FloorplanEnv
 from galoc_env.evaluate import Rollout, jsonable, rollout, steps_table
 from galoc_env.film import Film, temporary, writable_folder
@@ -83,24 +84,29 @@ def report(files: DemoFiles) -> str:
     """What came out, for people: three to six lines."""
     metrics = files.walk.metrics()
     last = files.walk.steps[-1]
-    step = metrics["steps_to_converge"]
-    if step is None:
-        verdict = "did not converge (never within 0.5 m for good)"
-    else:
-        verdict = f"converged at step {step} (within 0.5 m, held to the end)"
     final = "no estimate"
     if math.isfinite(last.error_m):
         final = f"{last.error_m:.2f} m, {math.degrees(last.error_rad):.1f} deg"
     shares = ", ".join(f"{100 * metrics['recall'][k]:.0f} % < {k.replace('m', ' m')}" for k in ("0.1m", "0.5m", "1m"))
     return "\n".join(
         [
-            f"{files.walk.plan or 'plan'}, seed {files.walk.seed}: {verdict}",
+            f"{files.walk.plan or 'plan'}, seed {files.walk.seed}: {_verdict(files.walk)}",
             f"  final error {final}; of {len(files.walk.steps)} observations {shares}",
             f"  film     {files.film}",
             f"  summary  {files.summary}",
             f"  numbers  {files.result}",
         ]
     )
+
+
+def _verdict(walk: Rollout) -> str:
+    """Whether it converged, in words."""
+    step = walk.metrics()["steps_to_converge"]
+    if step is not None:
+        return f"converged at step {step} (within 0.5 m, held to the end)"
+    if len(walk.steps) < HOLD:
+        return f"too short to say whether it converged (that takes {HOLD} observations)"
+    return "did not converge (never within 0.5 m for good)"
 
 
 def save_summary(
@@ -123,9 +129,7 @@ def save_summary(
         axes.imshow(picture)
         axes.set_title(f"step {step}", fontsize=10, loc="left")
         axes.axis("off")
-    step = walk.metrics()["steps_to_converge"]
-    verdict = "not converged" if step is None else f"converged at step {step} (within 0.5 m, held to the end)"
-    title = f"{walk.plan or 'plan'}, seed {walk.seed}: {verdict}"
+    title = f"{walk.plan or 'plan'}, seed {walk.seed}: {_verdict(walk)}"
     upper.suptitle(title, fontsize=15, fontweight="bold", x=0.01, ha="left")
     part = temporary(path)
     try:

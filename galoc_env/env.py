@@ -165,7 +165,7 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
         self.episode: Episode | None = None
         self._worlds = Worlds(self.settings, 1)
         self._bodies = Bodies(1, self.settings)
-        self._imaging = settings.imaging(self.settings) if self.settings.draws else None
+        self._imaging = settings.imaging(self.settings)
         self._painter: Any = None
 
     def reset(

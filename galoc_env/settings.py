@@ -143,7 +143,7 @@ def observation_space(settings: Settings) -> spaces.Dict:
 
 
 def imaging(settings: Settings) -> Any:
-    """What lens and sensor do to the picture; None: nothing.
+    """What lens and sensor do to the picture; None: nothing, or there is none.
 
     Raises:
         GalocError: no such preset or part.
@@ -152,7 +152,8 @@ def imaging(settings: Settings) -> Any:
         return None
     from galoc_env.imaging import Imaging
 
-    return Imaging.of(settings.imaging)
+    camera = Imaging.of(settings.imaging)  # a bad one is refused even where nothing is drawn
+    return camera if settings.draws else None
 
 
 def checked_options(options: dict[str, Any] | None, settings: Settings) -> dict[str, Any]:

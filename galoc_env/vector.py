@@ -19,7 +19,7 @@ from galoc_env import motion, settings
 from galoc_env.bodies import Bodies
 from galoc_env.env import FloorplanEnv
 from galoc_env.registration import MAX_EPISODE_STEPS
-from galoc_env.vector_options import lane_options, lane_seeds, reset_mask
+from galoc_env.vector_options import checked_mode, lane_options, lane_seeds, reset_mask
 from galoc_env.vector_pictures import Pictures
 from galoc_env.world import Episode, Snapshot, World
 from galoc_env.worlds import Worlds
@@ -79,13 +79,13 @@ class FloorplanVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         **arguments: Any,
     ) -> None:
         for name, value in (("num_envs", num_envs), ("max_episode_steps", max_episode_steps)):
-            if value is not None and (not isinstance(value, int) or isinstance(value, bool) or value < 1):
+            if value is not None and (not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1):
                 raise GalocError(f"{name} = {value!r}", "a whole number from 1", f"Pass {name}=8, say.")
-        self.num_envs = num_envs
+        num_envs = self.num_envs = int(num_envs)
         self.settings = settings.Settings(**arguments)
         self.camera = self.settings.camera()
         self.render_mode = self.settings.render_mode
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.autoreset_mode = checked_mode(autoreset_mode)
         self.metadata = {**FloorplanEnv.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_action_space = settings.action_space(self.settings)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -126,9 +126,14 @@ class FloorplanVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         if not mask.all() and any(episode is None for episode in self._lanes):
             raise gymnasium.error.ResetNeeded("Reset all lanes before resetting some.")
         lanes = np.flatnonzero(mask)
-        self._start(lanes, seeds, asked)
-        self._ended[mask] = False
-        self._observe(lanes)
+        try:
+            self._start(lanes, seeds, asked)
+            self._ended[mask] = False
+            self._observe(lanes)
+        except BaseException:
+            # Stopped half-way, some lanes may stand in one home and bump into the walls of another.
+            self._lanes = [None if mask[lane] else episode for lane, episode in enumerate(self._lanes)]
+            raise
         return self._observations(), self._infos(lanes)
 
     def step(self, actions: NDArray[Any]) -> Outcome:
@@ -209,11 +214,17 @@ class FloorplanVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
 
     def _wanted(self, actions: Any) -> NDArray[np.float64]:
         """(L, 3) motions that the actions ask for; nothing is asked of lanes that start again."""
-        chosen = np.asarray(actions)
-        shape = (self.num_envs,) if self.settings.actions == "discrete" else (self.num_envs, 3)
+        discrete = self.settings.actions == "discrete"
+        shape = (self.num_envs,) if discrete else (self.num_envs, 3)
+        try:
+            chosen = np.asarray(actions)
+        except ValueError:  # lists of unequal lengths
+            chosen = np.zeros(0, object)
         if chosen.shape != shape or chosen.dtype.kind not in "iuf":
             got = f"actions of shape {chosen.shape} and type {chosen.dtype}"
             raise GalocError(got, f"numbers of shape {shape}", "Draw actions from envs.action_space.")
+        if not discrete:
+            chosen = chosen.astype(np.float64)  # -128 of int8 is its own absolute value
         if self._ended.any():
             chosen = chosen.copy()
             chosen[self._ended] = 0

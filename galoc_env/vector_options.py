@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from galoc import GalocError
@@ -14,16 +15,31 @@ _RANK = {"pose": 1, "plan_seed": 0}
 """Dimensions of each option's value for a single lane."""
 
 
+def checked_mode(mode: AutoresetMode | str) -> AutoresetMode:
+    """The autoreset mode of that name.
+
+    Raises:
+        GalocError: no such mode.
+    """
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        names = " or ".join(f'"{known.value}"' for known in AutoresetMode)
+        raise GalocError(f"autoreset_mode = {mode!r}", names, "Pass one of these.") from None
+
+
 def lane_seeds(seed: int | list[int | None] | None, lanes: int) -> list[int | None]:
     """One seed per lane: s gives s, s + 1, ...; a list is taken as it is.
 
     Raises:
-        GalocError: a list that does not fit the lanes.
+        GalocError: no whole numbers, or a list that does not fit the lanes.
     """
     if seed is None:
         return [None] * lanes
     if isinstance(seed, int | np.integer):
         return [int(seed) + lane for lane in range(lanes)]
+    if not hasattr(seed, "__len__") or any(s is not None and not isinstance(s, int | np.integer) for s in seed):
+        raise GalocError(f"seed = {seed!r}", "a whole number, or one for each lane", "Pass seed=0, say.")
     if len(seed) != lanes:
         raise GalocError(f"{len(seed)} seeds", f"one for each of {lanes} lanes", "Pass one number for all, or as many.")
     return [None if s is None else int(s) for s in seed]

@@ -25,7 +25,7 @@ class Pictures:
 
     def __init__(self, settings: Settings, camera: Camera) -> None:
         self._settings, self._camera = settings, camera
-        self._imaging = imaging(settings) if settings.draws else None
+        self._imaging = imaging(settings)
         self._arena: Any = None
         self._homes: dict[int, tuple[World, int]] = {}
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from galoc import Camera, Estimate, Floorplan, GalocError, Wireframe
-from galoc_env import motion, scoring
+from galoc_env import motion, process, scoring
 from galoc_env.bodies import Bodies
 from galoc_env.observe import Observer, estimate_observation, make_localizer
 from galoc_env.sensors import Tilt
@@ -49,6 +49,7 @@ class World:
         Raises:
             GalocError: camera above the ceiling, or no room to stand.
         """
+        process.import_whole("trimesh")
         from galoc_env.scene import build_scene
 
         if settings.camera_height >= plan.ceiling_height:
@@ -67,8 +68,10 @@ class World:
         """A localizer with a belief of its own about this world; None with `localizer="none"`.
 
         Raises:
-            GalocError: no such localizer, or one without the belief that the reward needs.
+            GalocError: no such localizer, one without the belief that the reward needs, or threads lost in a fork.
         """
+        if settings.localizer == "galoc":
+            process.refuse_lost_threads()
         localizer = make_localizer(settings, self.plan, camera)
         if localizer is None:
             return None

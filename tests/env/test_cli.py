@@ -41,7 +41,8 @@ def demo(plan_file, tmp_path_factory):
 def test_demo_writes_film_summary_and_numbers(demo, plan_file):
     out, said = demo
     assert sorted(p.name for p in out.iterdir()) == ["episode.mp4", "result.json", "summary.png"]
-    assert "converge" in said and str(out / "episode.mp4") in said
+    assert "too short to say whether it converged" in said  # 6 observations, and it takes 10 in a row
+    assert str(out / "episode.mp4") in said
     film = cv2.VideoCapture(str(out / "episode.mp4"))
     frames = [film.read()[1] for _ in range(6)]  # one per observation
     assert all(f.shape == (720, 1280, 3) and f.std() > 20.0 for f in frames) and not film.read()[0]

@@ -232,6 +232,7 @@ def test_the_world_is_kept_while_the_plan_stays(make):
         {"shut_doors": 1.5},
         {"imaging": 3},
         {"imaging": "no_such_camera"},
+        {"imaging": "no_such_camera", "renderer": "none"},
         {"actions": "fly"},
         {"reward": "money"},
         {"split": "validation"},
@@ -432,6 +433,8 @@ def test_errors_cross_process_borders(make):
     with pytest.raises(GalocError) as caught:
         make(reward="money")
     assert pickle.loads(pickle.dumps(caught.value)).cure == caught.value.cure
+    again = type(caught.value)(caught.value)  # what AsyncVectorEnv raises in the parent process
+    assert (str(again), again.cure) == (str(caught.value), caught.value.cure)
 
 
 def test_the_localizer_is_told_how_good_the_sensors_are() -> None:

@@ -343,6 +343,7 @@ def test_who_looks_changes_nothing(make, plan_file):
         {"lanes": 2.5},
         {"max_episode_steps": 0},
         {"max_episode_steps": True},
+        {"autoreset_mode": "same_step"},
         {"reward": "money"},
         {"renderer": "crayon"},
         {"plan": "no_such_plan"},
@@ -358,6 +359,9 @@ def test_bad_arguments(make, arguments):
     "reset",
     [
         {"seed": [1, 2]},
+        {"seed": 1.5},
+        {"seed": [1, 2.5, 3]},
+        {"seed": "abc"},
         {"options": {"pose": [(1, 1, 0), (1, 1, 0)]}},
         {"options": {"pose": (3.5, 0.7, 0)}},
         {"options": {"start": 1}},
@@ -376,7 +380,9 @@ def test_bad_resets(make, plan_file, reset):
     assert caught.value.cure
 
 
-@pytest.mark.parametrize("actions", [[0, 1], [0, 1, 4], [0, -1, 0], [0.0, 1.0, 2.0], "abc", [[0, 1, 2]], None])
+@pytest.mark.parametrize(
+    "actions", [[0, 1], [0, 1, 4], [0, -1, 0], [0.0, 1.0, 2.0], "abc", [[0, 1, 2]], [[0, 1], [1]], None]
+)
 def test_bad_actions(make, plan_file, actions):
     envs = make(plan=plan_file, **BARE)
     envs.reset(seed=0)
@@ -391,6 +397,26 @@ def test_bad_continuous_actions(make, plan_file):
     bad[1, 2] = math.nan
     with pytest.raises(GalocError, match="action"):
         envs.step(bad)
+    with pytest.raises(GalocError, match="action"):
+        envs.step(np.full((LANES, 3), -128, np.int8))  # its own absolute value
+
+
+def test_numpys_whole_numbers_will_do(make, plan_file):
+    envs = make(np.int64(2), plan=plan_file, max_episode_steps=np.int32(1), **BARE)
+    assert type(envs.num_envs) is int
+    envs.reset(seed=np.int64(3))
+    assert envs.step(np.zeros(2, np.uint8))[3].all()
+
+
+def test_a_reset_that_fails_leaves_no_body_in_the_wrong_home(make):
+    envs = make(lanes=2, **BARE)
+    envs.reset(options={"plan_seed": [0, 1]}, seed=0)
+    with pytest.raises(GalocError, match="start pose"):
+        envs.reset(options={"plan_seed": [2, 1], "pose": [None, (1e4, 0.0, 0.0)]})
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        envs.step(np.zeros(2, int))
+    again, fresh = (e.reset(options={"plan_seed": [2, 1]}, seed=5) for e in (envs, make(lanes=2, **BARE)))
+    assert_same(again, fresh)
 
 
 def test_step_needs_a_reset(make, plan_file):

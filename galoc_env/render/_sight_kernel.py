@@ -13,30 +13,36 @@ COVER = 0.03
 """A facet with another one closer before it than this is measured before that one, m."""
 NARROW = 0.3
 """Two walls that face each other this closely enclose what nobody sees, m."""
+PARALLEL = 0.95
+"""... if the cosine of the angle between them is at least this: rooms have acute corners."""
 
 
 @njit(**LEAN)
-def _look_out(world, wall, roofed, f):  # type: ignore[no-untyped-def]
+def _look_out(world, wall, f):  # type: ignore[no-untyped-def]
     """Whether a facet is hidden, see :func:`survey`, and how far off it light is to be measured, m."""
     s = world[0]
     n = s[f, :3]
-    shut, covered, off = 0, 0, 0.0
+    close, covered, off = 0, 0, 0.0
     for k in range(5):
-        u = s[f, 12] * (0.5 if k == 4 else 1.0 * (k % 2))
-        v = s[f, 13] * (0.5 if k == 4 else 1.0 * (k // 2))
+        # Not at the very corners: walls reach through floor and ceiling, and into each other.
+        u = s[f, 12] * (0.5 if k == 4 else 0.1 + 0.8 * (k % 2))
+        v = s[f, 13] * (0.5 if k == 4 else 0.1 + 0.8 * (k // 2))
         p = place(world, f, u, v, LIFT)
         g, t = trace(world, p[0], p[1], p[2], n[0], n[1], n[2], 1e3, False)
-        shut += 1 if (roofed and g < 0) or (g >= 0 and wall[f] and wall[g] and t < NARROW) else 0
-        if g >= 0 and t < COVER and s[g, 0] * n[0] + s[g, 1] * n[1] + s[g, 2] * n[2] > 0.0:
+        facing = 0.0 if g < 0 else s[g, 0] * n[0] + s[g, 1] * n[1] + s[g, 2] * n[2]
+        close += 1 if g >= 0 and wall[f] and wall[g] and t < NARROW and abs(facing) > PARALLEL else 0
+        if g >= 0 and t < COVER and facing > 0.0:
             covered += 1
             off = max(off, t)
     # Three of five: the end of a wall may look along the inside of another one.
-    return shut >= 3, (LIFT + off + LIFT if covered >= 3 else LIFT)
+    return close >= 3, (LIFT + off + LIFT if covered >= 3 else LIFT)
 
 
 @njit(cache=True)
-def survey(world, lit, wall, roofed):  # type: ignore[no-untyped-def]
-    """(N,) facets that face away from all rooms: towards the void, or as a wall towards another one close by.
+def survey(world, lit, wall):  # type: ignore[no-untyped-def]
+    """(N,) facets that face away from all rooms: walls towards another one close by, as in the core of a wall.
+
+    What faces the void is not left out: plans have gaps, and there is no telling inside from outside then.
 
     Also sets how far off each facet light is measured: a frame behind a picture shows, though most of it is covered.
 
@@ -44,12 +50,11 @@ def survey(world, lit, wall, roofed):  # type: ignore[no-untyped-def]
         world: see :func:`trace`.
         lit: (N,) facets to look at.
         wall: (N,) which are walls.
-        roofed: whether rooms have ceilings; without any, the void is the sky.
     """
     out = np.zeros(lit.shape[0], np.bool_)
     for f in range(lit.shape[0]):
         if lit[f]:
-            out[f], world[0][f, 16] = _look_out(world, wall, roofed, f)
+            out[f], world[0][f, 16] = _look_out(world, wall, f)
     return out
 
 

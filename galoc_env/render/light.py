@@ -23,14 +23,14 @@ from galoc_env.render.facets import Facets, build_facets
 from galoc_env.render.light_surfaces import make_surfaces
 from galoc_env.render.light_world import World, make_world
 from galoc_env.scene.light import Lamp, Sun
-from galoc_env.scene.mesh import CEILING, FURNITURE, OUTSIDE, WALL
+from galoc_env.scene.mesh import FURNITURE, OUTSIDE, WALL
 
 if TYPE_CHECKING:
     from galoc_env.scene import Scene
 
 Array = NDArray[np.float64]
 
-VERSION = 3
+VERSION = 4
 """Part of every key; counted up when the same scene gets other light."""
 
 DAYLIGHT = (3.2, 3.5, 3.9)
@@ -47,8 +47,6 @@ GLOW = 0.3
 CONTACT, REACH = 0.6, 0.45
 """Part of its light that a floor loses under a body, and how far around it that is felt, m: lamps are points here, but
 real ones and their reflections are broad, and nothing looks as if it stood there without this."""
-OPEN = 0.8
-"""Where more of the walls than this face the void, the plan has no closed rooms and a camera may stand anywhere."""
 FLAT = 0.04
 """What lies lower is floor, as a rug is, m."""
 
@@ -128,14 +126,8 @@ def bake(facets: Facets, lamps: Sequence[Lamp], sun: Sun | None, albedo: ArrayLi
 
 
 def _hidden(facets: Facets, world: World, lit: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(N,) facets that nobody sees, see :func:`survey`; towards the void only if rooms are closed."""
-    wall = facets.semantic == WALL
-    if (facets.semantic == CEILING).any():
-        out: NDArray[np.bool_] = survey(world.rays, lit, wall, True)
-        # Of the walls of a house, more than half face rooms.
-        if not wall.any() or out[wall].mean() < OPEN:
-            return out
-    return np.asarray(survey(world.rays, lit, wall, False))
+    """(N,) facets that nobody sees, see :func:`survey`."""
+    return np.asarray(survey(world.rays, lit, facets.semantic == WALL))
 
 
 def _soft(facets: Facets, world: World, light: Array, lit: NDArray[np.bool_], sent: Array) -> Array:

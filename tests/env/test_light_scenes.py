@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from light_room import WHITE, Room, texels, window_room
 
-from galoc import Floorplan
+from galoc import Camera, Floorplan
 from galoc.errors import CacheWarning
 from galoc_env.homes import generate
 from galoc_env.render import light as light_module
+from galoc_env.render import make_renderer
 from galoc_env.render._light_kernel import CLOSE
 from galoc_env.render._light_ray_kernel import trace
 from galoc_env.render.facets import build_facets
@@ -159,3 +160,29 @@ def test_linear_light() -> None:
 
 def test_a_scene_without_faces() -> None:
     assert bake(Room().facets(), [Lamp(0, 0, 2, WHITE)], None).shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    "corners",
+    [
+        [(0, 0), (4, 0), (1, 3)],
+        [(0, 0), (4, 0), (0, 4)],
+        [(0, 0), (3.46, 2.0), (1.96, 4.6), (-1.5, 2.6)],
+        [(2.5 * np.cos(a), 2.5 * np.sin(a)) for a in np.linspace(0.1, 0.1 + 2 * np.pi, 7, endpoint=False)],
+    ],
+    ids=["acute", "right triangle", "turned", "heptagon"],
+)
+def test_no_wall_of_a_room_is_taken_for_hidden(corners: list[tuple[float, float]]) -> None:
+    """Walls at any angle, and one with a gap in it to look out of, get light from the lamp."""
+    walls = [[*a, *b] for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
+    gap = [*walls[1:], [*walls[0][:2], *(0.6 * np.array(walls[0][:2]) + 0.4 * np.array(walls[0][2:]))]]
+    for segments in (walls, gap):
+        plan = Floorplan.from_segments(np.array(segments, float), 2.5)
+        scene = build_scene(plan, furniture=0.0, seed=1)
+        middle = np.mean(corners, axis=0)
+        renderer = make_renderer("raster", scene, Camera.from_hfov(64, 48, 100), quality="fast")
+        for heading in np.linspace(0.0, 2 * np.pi, 8, endpoint=False):
+            frame = renderer.render((*middle, heading), 1.3, (0.0, 0.0))
+            wall = frame.semantic == WALL
+            assert not wall.any() or np.median(frame.rgb[wall].max(axis=-1)) > 20
+            assert np.mean(frame.rgb[wall].max(axis=-1) < 8) < 0.01

@@ -12,10 +12,9 @@ import math
 import numpy as np
 from numba import njit
 
-from galoc_env.render._lanes import differ, first_bit, load
+from galoc_env.render._lanes import LANES, differ, first_bit, load
 
 u4 = np.uint32
-LANES = 16
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from galoc_env.render._lanes import (
+    LANES,
     blend,
     blend_again,
     differ,
@@ -23,7 +24,6 @@ from galoc_env.render._lanes import (
 )
 
 f4, i4, u4, i8, u8 = np.float32, np.int32, np.uint32, np.int64, np.uint64
-LANES = 16
 LEVELS = 7
 """Mip levels of a texture: 256 to 4 texels wide."""
 SIZE, SIZE_BITS = 256, 8

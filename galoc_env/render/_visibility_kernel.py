@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from galoc_env.render._lanes import (
+    LANES,
     between,
     choose,
     greater,
@@ -27,7 +28,6 @@ from galoc_env.render._lanes import (
 f4, i4 = np.float32, np.int32
 NEAR = 0.005
 """What is nearer than this is cut off, m: so little that a camera which touches a wall sees that wall."""
-LANES = 16
 TILE_ROWS = 8
 """The coarse depth map has one value for 16 x 8 pixels."""
 OVERLAP = 0.004

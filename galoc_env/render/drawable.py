@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from galoc_env.render._lanes import LANES
 from galoc_env.render._shading_kernel import level_start
-from galoc_env.render.textures import digest, length, packed
+from galoc_env.render.textures import digest, length, packed, texture_of
 from galoc_env.scene.mesh import FLOOR
 
 if TYPE_CHECKING:
     from galoc_env.render.facets import Facets
     from galoc_env.scene import Scene
-    from galoc_env.scene.mesh import SceneMesh
 
 UNIT = 2065
 """Stored light at which a texture keeps its own colour (:func:`galoc_env.render._lanes.lit`, in steps of 16)."""
@@ -98,7 +97,9 @@ def drawable(scene: Scene, facets: Facets, light: NDArray[np.float32], finest: i
         light: (T, 3) linear light of the facets' light texels.
         finest: first mip level of its textures.
     """
-    images = [_image(mesh) for mesh in scene.meshes]
+    white = np.full((4, 4, 3), 255, np.uint8)
+    found = [texture_of(mesh) for mesh in scene.meshes]
+    images = [white if image is None else image for image in found]
     names = tuple(digest(image) for image in images)
     count = len(facets.plane)
     table = np.concatenate([facets.plane, facets.texture.reshape(count, 8), facets.light.reshape(count, 8)], axis=1)
@@ -115,14 +116,6 @@ def drawable(scene: Scene, facets: Facets, light: NDArray[np.float32], finest: i
         packed_light(facets, light),
         facets.origin,
     )
-
-
-def _image(mesh: SceneMesh) -> NDArray[np.uint8]:
-    """(H, W, 3) texture of a mesh; white where it has none."""
-    material = getattr(mesh.mesh.visual, "material", None)
-    image = getattr(material, "baseColorTexture", None)
-    image = getattr(material, "image", None) if image is None else image
-    return np.full((4, 4, 3), 255, np.uint8) if image is None else np.asarray(image.convert("RGB"))
 
 
 def _gloss(facets: Facets) -> NDArray[np.int32]:

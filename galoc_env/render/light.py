@@ -22,6 +22,7 @@ from galoc_env.render.facet_build import dot
 from galoc_env.render.facets import Facets, build_facets
 from galoc_env.render.light_surfaces import make_surfaces
 from galoc_env.render.light_world import World, make_world
+from galoc_env.render.textures import texture_of
 from galoc_env.scene.light import Lamp, Sun
 from galoc_env.scene.mesh import FURNITURE, OUTSIDE, WALL
 
@@ -81,9 +82,9 @@ def mean_colours(scene: Scene) -> Array:
     """(M, 3) mean sRGB colour (0..1) of the texture of each of ``scene.meshes``; grey where there is none."""
     out = np.full((len(scene.meshes), 3), 0.7)
     for i, mesh in enumerate(scene.meshes):
-        image = getattr(getattr(mesh.mesh.visual, "material", None), "baseColorTexture", None)
+        image = texture_of(mesh)
         if image is not None:
-            pixels = np.asarray(image.convert("RGB"))[::3, ::3].reshape(-1, 3)
+            pixels = image[::3, ::3].reshape(-1, 3)
             # Whole numbers add up the same in any order.
             out[i] = pixels.sum(axis=0, dtype=np.int64) / (255.0 * len(pixels))
     return out

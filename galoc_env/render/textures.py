@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from hashlib import blake2b
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from galoc_env.render._shading_kernel import LEVELS, SIZE
+
+if TYPE_CHECKING:
+    from galoc_env.scene.mesh import SceneMesh
 
 KEPT = 512
 """Packed textures that a process keeps for the next home; 0.35 MB each at most."""
@@ -23,6 +27,14 @@ _packed: OrderedDict[tuple[str, int], NDArray[np.int32]] = OrderedDict()
 def digest(image: NDArray[np.uint8]) -> str:
     """Name of a texture by its content."""
     return blake2b(np.ascontiguousarray(image).data, digest_size=16).hexdigest()
+
+
+def texture_of(mesh: SceneMesh) -> NDArray[np.uint8] | None:
+    """(H, W, 3) sRGB texture of a mesh, row 0 at the top; None where it has none."""
+    material = getattr(mesh.mesh.visual, "material", None)
+    image = getattr(material, "baseColorTexture", None)
+    image = getattr(material, "image", None) if image is None else image
+    return None if image is None else np.asarray(image.convert("RGB"))
 
 
 def finest_level(focal_px: float) -> int:

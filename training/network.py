@@ -154,8 +154,9 @@ class LayoutNet(nn.Module):
 def _interpolation() -> np.ndarray:
     """(ROWS, COARSE) linear interpolation from coarse rows to rows."""
     at = (np.arange(ROWS) + 0.5) * COARSE / ROWS - 0.5
-    return np.clip(1.0 - np.abs(at[:, None] - np.arange(COARSE)[None]), 0.0, None) + (
-        (at[:, None] < 0) & (np.arange(COARSE)[None] == 0)
-    ) * np.clip(-at[:, None], 0, 1) + ((at[:, None] > COARSE - 1) & (np.arange(COARSE)[None] == COARSE - 1)) * np.clip(
-        at[:, None] - (COARSE - 1), 0, 1
+    return (
+        np.clip(1.0 - np.abs(at[:, None] - np.arange(COARSE)[None]), 0.0, None)
+        + ((at[:, None] < 0) & (np.arange(COARSE)[None] == 0)) * np.clip(-at[:, None], 0, 1)
+        + ((at[:, None] > COARSE - 1) & (np.arange(COARSE)[None] == COARSE - 1))
+        * np.clip(at[:, None] - (COARSE - 1), 0, 1)
     )

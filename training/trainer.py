@@ -46,7 +46,7 @@ class Plan:
 
 
 def pick_device(name: str) -> str:
-    """"auto" is a GPU where there is one."""
+    """The device that a name means: "auto" is a GPU where there is one."""
     return ("cuda" if torch.cuda.is_available() else "cpu") if name == "auto" else name
 
 
@@ -137,7 +137,13 @@ class Trainer:
     def _show(self) -> None:
         means = {name: float(np.mean([r[name] for r in self._recent])) for name in self._recent[0]}
         speed = self.steps * self.plan.batch / max(self.seconds, 1e-9)
-        line = {"steps": self.steps, "minutes": self.seconds / 60.0, "frames_per_s": speed, "rate": self._rate(), **means}
+        line = {
+            "steps": self.steps,
+            "minutes": self.seconds / 60.0,
+            "frames_per_s": speed,
+            "rate": self._rate(),
+            **means,
+        }
         text = "  ".join(f"{k} {v:.4g}" for k, v in line.items())
         print(f"[{self.seconds / 60.0:6.1f} / {self.plan.minutes:g} min] {text}", flush=True)
         with (self.folder / "log.jsonl").open("a") as file:

@@ -123,7 +123,9 @@ def run(task: tuple[str, int, int, int]) -> tuple[int, int, list[float]]:
     """Position errors of one walk under one variant."""
     plan, number, seed, steps = task
     variant = VARIANTS[number]
-    env = FloorplanEnv(plan=plan, localizer="none", renderer="none", reward="error", **{**NOISE, **variant.noise})
+    env = FloorplanEnv(
+        plan=plan, localizer="none", renderer="none", detector="oracle", reward="error", **{**NOISE, **variant.noise}
+    )
     localizer = _localizer(plan, env.settings.camera(), variant.config)
     localizer.reset()
     errors = []

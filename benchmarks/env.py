@@ -108,7 +108,7 @@ def entries_of(options: Options, stack: contextlib.ExitStack) -> list[Entry]:
             if kind in ("miniworld", "fast") and localizer != options.localizers[0]:
                 continue
             quality = "fast" if kind == "fast" else options.quality
-            arguments = {"localizer": localizer, "renderer": options.renderer, "quality": quality}
+            arguments = {"localizer": localizer, "renderer": options.renderer, "quality": quality, "detector": "oracle"}
             role = {"threads": "batch", "fast": "single"}.get(kind, kind)
             job = {"kind": role, "home": options.home, "arguments": arguments}
             python = options.miniworld if kind == "miniworld" else sys.executable

@@ -40,8 +40,8 @@ PARTS = {"matching": "#3d6fb4", "filter": "#c8553d", "rest": "#b0b0b0"}
 def steps_of(plan: str, seed: int, count: int) -> tuple[Floorplan, Any, list[Step]]:
     """Plan, camera and the steps of one walk."""
     env = FloorplanEnv(
-        plan=plan, localizer="none", renderer="none", reward="error", camera_height=HEIGHT_M, width=640, height=480,
-        hfov_deg=108.0, **NOISE,
+        plan=plan, localizer="none", renderer="none", detector="oracle", reward="error", camera_height=HEIGHT_M,
+        width=640, height=480, hfov_deg=108.0, **NOISE,
     )  # fmt: skip
     try:
         frames = list(walk(env, seed, count - 1))

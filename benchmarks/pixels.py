@@ -5,8 +5,8 @@
     python benchmarks/pixels.py --mode walks --real ../shared/data/plans --out runs/pixels_real
 
 Furnished test homes (or real plans, furnished by us), photographed with every fault of lens and sensor. All methods see
-the same views, the same gravity and the same odometry (noise 2 % and 0.5 degrees a step). Prints tables; writes OUT.json
-and OUT.png. A run that was cut off goes on where it stopped.
+the same views, the same gravity and the same odometry (noise 2 % and 0.5 degrees a step). Prints tables; writes
+OUT.json and OUT.png. A run that was cut off goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -59,15 +59,7 @@ def make(method: str, plan: Floorplan, camera: Camera, heights: tuple[float, flo
     config = LocalizerConfig(
         imu_sigma_deg=IMU_DEG, odometry_noise=ODOMETRY[0], odometry_turn_deg=ODOMETRY[1], heights=told
     )
-    detector: Any = None
-    if method.startswith("onnx"):
-        from galoc.detect.onnx import OnnxDetector
-
-        detector = OnnxDetector()
-    elif method == "lines":
-        from galoc.detect.lines import LinesDetector
-
-        detector = LinesDetector()
+    detector = "lines" if method == "lines" else "onnx"
     return Localizer(plan, camera, detector=detector, config=config)
 
 
@@ -75,7 +67,7 @@ def seen_by(method: str, image: NDArray[np.uint8], truth: Wireframe, camera: Cam
     """What a method is given of a view: the image, or true junctions with noise."""
     if not method.startswith(("oracle", "paper")):
         return image
-    sigma = float(method.lstrip("oraclepr")) * camera.width / 640.0
+    sigma = float(method.removeprefix("oracle").removeprefix("paper")) * camera.width / 640.0
     return perturb(truth, camera, sigma, np.random.default_rng([*seed, int(sigma * 100)]))
 
 

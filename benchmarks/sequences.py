@@ -119,8 +119,8 @@ def measure(task: Task) -> dict[str, Any]:
     height = float(rng.uniform(*HEIGHTS_M))
     draws = rng.standard_normal((count, 3))
     env = FloorplanEnv(
-        plan=None, split="test", localizer="none", renderer="none", reward="error", odometry_noise=0.0,
-        camera_height=height, **SENSORS,
+        plan=None, split="test", localizer="none", renderer="none", detector="oracle", reward="error",
+        odometry_noise=0.0, camera_height=height, **SENSORS,
     )  # fmt: skip
     try:
         frames = list(walk(env, home, own, count))

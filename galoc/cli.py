@@ -11,6 +11,7 @@ from typing import Any
 import tyro
 
 from galoc.cli_cache import cache
+from galoc.cli_detect import detect
 from galoc.errors import GalocError
 from galoc.floorplan import Floorplan
 
@@ -64,12 +65,14 @@ def facts_text(loaded: Floorplan) -> str:
     return "\n".join(f"{key:<16}{value}" for key, value in rows.items())
 
 
-COMMANDS: dict[str, Callable[..., Any]] = {"plan": plan, "cache": cache}
-"""Subcommands by name; the function's signature is the command line."""
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
+COMMANDS: dict[str, Callable[..., Any]] = {"plan": plan, "cache": cache, "detect": detect}
+"""Subcommands by name; the function's signature is the command line, what it returns the exit code (None: 0)."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; bad input becomes one message on stderr and exit code 2.
+    """Run the command; bad input becomes one message on stderr and exit code 2, Ctrl-C exit code 130.
 
     Args:
         argv: arguments without the program name; default: those of the process.
@@ -81,11 +84,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, function in COMMANDS.items():
         app.command(name=name)(function)
     try:
-        app.cli(prog="galoc", description="Find a camera's pose in a floorplan.", args=argv)
+        code = app.cli(prog="galoc", description="Find a camera's pose in a floorplan.", args=argv)
     except GalocError as error:
         print(f"galoc: {error}", file=sys.stderr)
         return 2
-    return 0
+    except KeyboardInterrupt:
+        print("galoc: stopped; nothing half-written was left behind", file=sys.stderr)
+        return INTERRUPTED
+    return int(code or 0)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,8 @@ from galoc.belief import Belief, checked_odometry
 from galoc.camera import Camera, levelling
 from galoc.cells import cosine_cells, likely_cells
 from galoc.config import LocalizerConfig as LocalizerConfig
-from galoc.detect import Detector
+from galoc.detect import Detector, checked_detector, detect, make_detector
+from galoc.detect.pictures import checked_picture
 from galoc.errors import GalocError
 from galoc.floorplan import Floorplan
 from galoc.heights import Heights
@@ -55,13 +56,14 @@ class Localizer:
     Args:
         plan: the map.
         camera: intrinsics of the images.
-        detector: turns images into wireframes; not needed if wireframes are passed in.
+        detector: turns images into wireframes, made when the first image comes: "onnx", the learned one; "lines", the
+            one without weights; or an object (:class:`galoc.detect.Detector`). Where wireframes are passed in, none is.
         geometry: layout method, "ml" or "paper".
         scoring: "likelihood", or "cosine", the paper's. Only "paper" with "cosine" is the paper's method.
         config: grid, filter and what is known of the sensors.
 
     Raises:
-        GalocError: unknown geometry or scoring; a plan without free space.
+        GalocError: unknown detector, geometry or scoring; a plan without free space.
     """
 
     def __init__(
@@ -69,7 +71,7 @@ class Localizer:
         plan: Floorplan,
         camera: Camera,
         *,
-        detector: Detector | None = None,
+        detector: str | Detector = "onnx",
         geometry: str = "ml",
         scoring: str = "likelihood",
         config: LocalizerConfig | None = None,
@@ -77,7 +79,7 @@ class Localizer:
         for name, value, known in (("geometry", geometry, METHODS), ("scoring", scoring, SCORINGS)):
             if value not in known:
                 raise GalocError(f"{name} {value!r}", f"one of {known}", f"Use {name}={known[0]!r}.")
-        self.plan, self.camera, self.detector = plan, camera, detector
+        self.plan, self.camera, self.detector = plan, camera, checked_detector(detector)
         self.geometry, self.scoring = geometry, scoring
         self.config = config = config or LocalizerConfig()
         likely = scoring == "likelihood"
@@ -135,14 +137,15 @@ class Localizer:
             gravity: measured (roll, pitch), rad.
             heights: what is known of the heights; None: what was given.
         """
-        wireframe = image if isinstance(image, Wireframe) else self._detect(image, gravity)
+        known = heights or self._heights
+        wireframe = image if isinstance(image, Wireframe) else self._detect(image, gravity, known)
         layout = solve_layout(
             wireframe,
             self.camera,
             gravity,
             self.geometry,
             imu_sigma_rad=math.radians(self.config.imu_sigma_deg),
-            heights=heights or self._heights,
+            heights=known,
             on_grid=self._on_grid,
         )
         return layout, cast_rays(layout, self.camera)
@@ -272,19 +275,8 @@ class Localizer:
             abstained = abstained or mass < self.config.abstain_below
         return Estimate(pose.copy(), mass, abstained, covariance=covariance, rays=rays, layout=layout, entropy=entropy)
 
-    def _detect(self, image: ArrayLike, gravity: ArrayLike) -> Wireframe:
-        if self.detector is None:
-            raise GalocError(
-                "an image but no detector",
-                "a Wireframe, or a Localizer built with detector=...",
-                "Pass Localizer(plan, camera, detector=...), or detect the wireframe yourself and pass that.",
-            )
-        pixels: NDArray = np.asarray(image)
-        expected = (self.camera.height, self.camera.width, 3)
-        if pixels.dtype != np.uint8 or pixels.shape != expected:
-            raise GalocError(
-                f"an image of {pixels.dtype} {pixels.shape}", f"uint8 RGB of shape {expected}", "Resize or convert it."
-            )
+    def _detect(self, image: ArrayLike, gravity: ArrayLike, heights: Heights) -> Wireframe:
+        picture = checked_picture(image, self.camera)
         levelling(gravity)  # refuses what is no gravity
         roll, pitch = np.asarray(gravity, dtype=np.float64)
-        return self.detector.detect(pixels, self.camera, (float(roll), float(pitch)))
+        return detect(make_detector(self.detector), picture, self.camera, (float(roll), float(pitch)), heights)

@@ -27,8 +27,11 @@ class WorldOptions:
     """Actions per walk."""
     seed: int = 0
     """Seed of start, walk and noise (evaluate: of the first walk)."""
+    detector: str = "onnx"
+    """What finds the walls: onnx (learned, looks at the picture), lines (line segments in the picture) or oracle (the
+    true walls plus noise)."""
     detector_noise_px: float = 5.0
-    """Noise of each junction coordinate, px of a 640 px wide image."""
+    """With --detector oracle: noise of each junction coordinate, px of a 640 px wide image."""
     imu_noise_deg: float = 0.5
     """Noise of each gravity reading, degrees."""
     odometry_noise: float = 0.02
@@ -50,6 +53,7 @@ class WorldOptions:
         """Arguments for the environment."""
         shared = (
             "plan",
+            "detector",
             "detector_noise_px",
             "imu_noise_deg",
             "odometry_noise",
@@ -97,7 +101,7 @@ class Demo(WorldOptions):
 
 @dataclass(frozen=True)
 class Evaluate(WorldOptions):
-    """Score the localizer over many walks. The oracle detector does not look at pixels, so nothing is drawn."""
+    """Score the localizer over many walks. With --detector oracle, which does not look at pixels, nothing is drawn."""
 
     episodes: int = 20
     """Walks, with seeds from --seed on."""
@@ -111,7 +115,7 @@ class Evaluate(WorldOptions):
         from tqdm import tqdm
 
         from galoc.formats.atomic import write_atomic
-        from galoc_env import evaluate
+        from galoc_env import detection, evaluate
         from galoc_env.env import FloorplanEnv
         from galoc_env.film import writable_folder
 
@@ -120,12 +124,16 @@ class Evaluate(WorldOptions):
             raise GalocError(f"--episodes {self.episodes} --jobs {self.jobs}", "at least 1 of each", "Pass 1 or more.")
         if self.out.is_dir():
             raise GalocError(f"--out {str(self.out)!r}, a folder", "a file to write to", "Name a file inside it.")
-        arguments = {**self.arguments(), "renderer": "none"}
+        arguments = self.arguments()
+        if self.detector == "oracle":
+            arguments["renderer"] = "none"
         FloorplanEnv(**arguments).close()  # refuses bad arguments before anything is written
+        job = {"arguments": arguments, "steps": self.steps, "model": detection.model(self.detector)}
         writable_folder(self.out.parent)
-        job = {"arguments": arguments, "steps": self.steps}
         partial = evaluate.Partial(self.out.with_name(self.out.name + ".partial.jsonl"), job)
         done = partial.load()
+        if partial.dropped:
+            print(f"galoc-env: {partial.dropped}", file=sys.stderr)
         seeds = range(self.seed, self.seed + self.episodes)
         missing = [s for s in seeds if s not in done]
         with tqdm(total=len(seeds), initial=len(seeds) - len(missing), desc="walks", unit="walk") as bar:
@@ -143,6 +151,7 @@ class Evaluate(WorldOptions):
         write_atomic(self.out, (json.dumps(evaluate.jsonable(result), indent=1) + "\n").encode())
         partial.remove()
         print(evaluate.table(episodes, summary))
+        print(f"detector {detection.described(self.detector)}")
         print(f"numbers  {self.out}")
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from galoc import Floorplan
 from galoc.formats.atomic import write_atomic
 from galoc.metrics import HOLD
+from galoc_env import detection
 from galoc_env.env import FloorplanEnv
 from galoc_env.evaluate import Rollout, jsonable, rollout, steps_table
 from galoc_env.film import Film, temporary, writable_folder
@@ -53,6 +54,7 @@ def run_demo(
         GalocError: bad arguments, or a folder that cannot be written.
     """
     env = FloorplanEnv(**arguments, render_mode="rgb_array")  # refuses bad arguments before anything is written
+    model = detection.model(env.settings.detector)
     folder = writable_folder(out)
     files = [folder / name for name in ("episode.mp4", "summary.png", "result.json")]
     views: list[Image] = []
@@ -75,7 +77,8 @@ def run_demo(
         save_summary(files[1], plan, furniture, walk, views, sorted(kept))
     finally:
         env.close()
-    result = {"settings": {**arguments, "steps": steps, "seed": seed}, **walk.metrics(), "steps": steps_table(walk)}
+    chosen = {**arguments, "detector": env.settings.detector, "model": model, "steps": steps, "seed": seed}
+    result = {"settings": chosen, **walk.metrics(), "steps": steps_table(walk)}
     write_atomic(files[2], (json.dumps(jsonable(result), indent=1) + "\n").encode())
     return DemoFiles(files[0], files[1], files[2], walk)
 

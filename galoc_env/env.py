@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from galoc_env import motion, settings
 from galoc_env.bodies import Bodies
-from galoc_env.settings import DEFAULT_RENDERER
+from galoc_env.settings import DEFAULT_DETECTOR, DEFAULT_RENDERER
 from galoc_env.world import Episode, Snapshot, World
 from galoc_env.worlds import Worlds
 
@@ -21,7 +21,7 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
     """A camera walks through a furnished floorplan; a localizer finds its pose from wall geometry alone.
 
     ## Description
-    Every step the body (radius 0.25 m) moves, the world is drawn from the camera, the detector turns the view into a
+    Every step the body (radius 0.25 m) moves, the world is drawn from the camera, the detector turns the picture into a
     wall wireframe, and the localizer updates its belief over the pose from the wireframe, the measured gravity and
     the measured odometry. What the agent does decides what the camera sees, so an agent can be trained to localize
     fast. Plan frame: x right, y up, metres; heading counter-clockwise from +x, radians.
@@ -87,12 +87,12 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
     |---|---|---|
     | `plan` | None | plan file or name of a shipped plan ("apartment"); None: a home generated from the seed |
     | `split` | "train" | "train" or "test": which homes are generated |
-    | `detector` | "oracle" | "oracle": true junctions plus noise |
-    | `detector_noise_px` | 5.0 | sd of each junction coordinate, px of a 640 px wide image; scales with `width` |
+    | `detector` | "onnx" | what finds the walls: "onnx", "lines" or "oracle" (below) |
+    | `detector_noise_px` | 5.0 | "oracle" only: sd of each junction coordinate, px of a 640 px wide image |
     | `localizer` | "galoc" | "galoc", "none" or "module:Class" (below) |
     | `geometry` | "ml" | "ml" or "paper" |
     | `scoring` | "likelihood" | "likelihood" or "cosine"; only paper + cosine is the paper's method |
-    | `renderer` | "raster" | "raster": numba; "gl": pyrender; "none": `image` stays zero, all else is unchanged |
+    | `renderer` | "raster" | "raster": numba; "gl": pyrender; "none": `image` stays zero (below) |
     | `quality` | "default" | "fast", "default" or "best" pictures, of "raster" only |
     | `width`, `height` | 320, 240 | image size, px; 16 to 4096 |
     | `hfov_deg` | 108.0 | horizontal field of view, degrees; 10 to 170 |
@@ -107,13 +107,25 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
     | `reward` | "log_belief" | see Rewards |
     | `render_mode` | None | "rgb_array": 1280 x 720 picture of view, belief, truth and estimate |
 
-    galoc's own localizer is told `imu_noise_deg` and `odometry_noise`. A localizer "module:Class" is built as
-    `Class(plan, camera)` and has `reset()` and `step(wireframe, gravity=..., odometry=...) -> galoc.Estimate`;
-    a `belief` like galoc's is optional. `renderer="none"` is for runs in which nobody looks at pixels: the oracle
-    detector does not.
+    Detectors:
+
+    | `detector` | the wireframe is |
+    |---|---|
+    | "onnx" | what the learned network that ships with galoc sees in `image`, given the measured gravity |
+    | "lines" | what straight line segments in `image` suggest: no weights, far less reliable |
+    | "oracle" | the true junctions plus noise: `image` is not looked at |
+
+    "onnx" and "lines" see what the agent sees, `imaging` included; "onnx" is also told what the localizer has learned
+    of the heights (a `heights` like galoc's). All environments of a process share one detector. The oracle's noise
+    scales with `width` and is refused for the others. `renderer="none"` is for runs in which nobody looks at pixels:
+    with it, a localizer or `render_mode` needs the oracle, and then all but `image` is as if it were drawn.
+
+    galoc's own localizer is told `imu_noise_deg` and `odometry_noise`, no height. A localizer "module:Class" is built
+    as `Class(plan, camera)` and has `reset()` and `step(wireframe, gravity=..., odometry=...) -> galoc.Estimate`;
+    a `belief` like galoc's is optional.
 
     Each noise has an exact zero and its own random stream: changing one leaves the others' values as they were.
-    Nor does it matter who looks: the detector's noise depends on the episode and the step alone.
+    Nor does it matter who looks: the oracle's noise depends on the episode and the step alone.
 
     ## Many at once
     :class:`galoc_env.vector.FloorplanVectorEnv` steps many of these in one process, to the same bytes.
@@ -134,8 +146,8 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
         self,
         plan: str | None = None,
         split: str = "train",
-        detector: str = "oracle",
-        detector_noise_px: float = 5.0,
+        detector: str = DEFAULT_DETECTOR,
+        detector_noise_px: float = settings.NOISE_PX,
         localizer: str = "galoc",
         geometry: str = "ml",
         scoring: str = "likelihood",

@@ -13,8 +13,10 @@ import numpy as np
 
 from galoc import GalocError
 from galoc.metrics import HOLD, RECALL_THRESHOLDS_M, SUCCESS_THRESHOLDS_M, recall, steps_to_converge, success
+from galoc_env import detection
 from galoc_env.env import FloorplanEnv
 from galoc_env.patrol import Patrol
+from galoc_env.settings import DEFAULT_DETECTOR
 
 BOOTSTRAP_DRAWS = 2000
 """Resamples of the episodes behind each interval."""
@@ -130,6 +132,9 @@ def run_seeds(arguments: dict[str, Any], seeds: Sequence[int], steps: int, jobs:
         seeds: one walk each.
         steps: actions per walk.
         jobs: processes; 1 runs here.
+
+    Raises:
+        GalocError: bad arguments, or the detector's model was replaced before all processes had opened it.
     """
     if jobs <= 1 or len(seeds) <= 1:
         env = FloorplanEnv(**arguments)
@@ -141,8 +146,9 @@ def run_seeds(arguments: dict[str, Any], seeds: Sequence[int], steps: int, jobs:
         return
     import multiprocessing
 
+    model = detection.model(arguments.get("detector", DEFAULT_DETECTOR))
     with multiprocessing.get_context("spawn").Pool(min(jobs, len(seeds)), _start_worker, (arguments,)) as pool:
-        yield from pool.imap_unordered(_work, [(seed, steps) for seed in seeds])
+        yield from pool.imap_unordered(_work, [(seed, steps, model) for seed in seeds])
 
 
 _worker_env: FloorplanEnv | None = None
@@ -157,9 +163,14 @@ def _start_worker(arguments: dict[str, Any]) -> None:
     _worker_env = FloorplanEnv(**arguments)
 
 
-def _work(task: tuple[int, int]) -> dict[str, Any]:
+def _work(task: tuple[int, int, str | None]) -> dict[str, Any]:
     assert _worker_env is not None
-    return rollout(_worker_env, *task).metrics()
+    seed, steps, model = task
+    found = detection.model(_worker_env.settings.detector)
+    if found != model:
+        cure = "Its file was replaced meanwhile: start the command again."
+        raise GalocError(f"a worker with model {found}", f"model {model}, as the others have", cure)
+    return rollout(_worker_env, seed, steps).metrics()
 
 
 def summarize(episodes: Sequence[dict[str, Any]], steps: int) -> dict[str, Any]:
@@ -256,6 +267,8 @@ class Partial:
 
     def __init__(self, path: Path, job: dict[str, Any]) -> None:
         self.path, self._job = path, jsonable(job)
+        self.dropped: str | None = None
+        """What :meth:`load` did not take over, for people; None: nothing was there, or all of it."""
 
     def load(self) -> dict[int, dict[str, Any]]:
         """Finished episodes by seed; none if the file is of another job. A torn last line is dropped."""
@@ -270,12 +283,20 @@ class Partial:
             except json.JSONDecodeError:
                 break
         if not rows or rows[0] != self._job:
+            self.dropped = self._difference(rows) if len(rows) > 1 else None
             rows = [self._job]
         # Written anew: the torn line must not swallow the next one.
         from galoc.formats.atomic import write_atomic
 
         write_atomic(self.path, ("".join(json.dumps(row) + "\n" for row in rows)).encode())
         return {row["seed"]: _revived(row) for row in rows[1:]}
+
+    def _difference(self, rows: list[dict[str, Any]]) -> str:
+        """How another job differs from this one, and what is lost with it."""
+        theirs, ours = _flat(rows[0]), _flat(self._job)
+        keys = [key for key in {**theirs, **ours} if theirs.get(key) != ours.get(key)]
+        parts = ", ".join(f"{key} {theirs.get(key)} there, {ours.get(key)} now" for key in keys)
+        return f"{self.path.name} holds {len(rows) - 1} finished of another run ({parts}); starting anew"
 
     def add(self, episode: dict[str, Any]) -> None:
         """Append a finished episode."""
@@ -285,6 +306,14 @@ class Partial:
     def remove(self) -> None:
         """The result is written: the partial has done its work."""
         self.path.unlink(missing_ok=True)
+
+
+def _flat(job: Any) -> dict[str, Any]:
+    """The settings of a job by name, whatever group they are in."""
+    out: dict[str, Any] = {}
+    for key, value in job.items() if isinstance(job, dict) else ():
+        out.update(value if isinstance(value, dict) else {key: value})
+    return out
 
 
 def _revived(row: dict[str, Any]) -> dict[str, Any]:

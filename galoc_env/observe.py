@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from galoc import Camera, Estimate, Floorplan, GalocError, Wireframe
+from galoc.heights import Heights
 from galoc_env.motion import STEP_M, TURN_RAD
 from galoc_env.sensors import DRIFT_RAD_PER_M
 
@@ -167,6 +168,12 @@ class Observer:
     def belief(self) -> Any:
         """The localizer's belief, None where it has none."""
         return getattr(self.localizer, "belief", None)
+
+    @property
+    def heights(self) -> Heights | None:
+        """What the localizer knows of the heights by now, None where it does not say."""
+        known = getattr(self.localizer, "heights", None)
+        return known if isinstance(known, Heights) else None
 
     def reset(self) -> None:
         """Clear the belief."""

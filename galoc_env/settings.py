@@ -18,9 +18,11 @@ HOMES = 100_000
 """Generated homes per split that an environment seed can lead to; larger seeds wrap around."""
 DEFAULT_RENDERER = "raster"
 """What draws when nobody says otherwise."""
+DEFAULT_DETECTOR = "onnx"
+"""What finds the walls."""
 CHOICES: dict[str, tuple[str, ...]] = {
     "split": ("train", "test"),
-    "detector": ("oracle",),
+    "detector": ("onnx", "oracle", "lines"),
     "geometry": ("ml", "paper"),
     "scoring": ("likelihood", "cosine"),
     "renderer": ("raster", "gl", "none"),
@@ -40,6 +42,10 @@ RANGES: dict[str, tuple[float, float, str]] = {
     "shut_doors": (0.0, 1.0, "as a share of the doors"),
 }
 """Least and largest value of each real argument, and its unit."""
+NOISE_PX = 5.0
+"""Noise of the oracle's junctions when nobody says otherwise, px of a wide image (the paper's)."""
+NOISE_WIDTH_PX = 640
+"""Image width that the oracle's noise refers to (the paper's), px."""
 MIN_SIDE_PX, MAX_SIDE_PX = 16, 4096
 """Image sides that can be drawn and still show structure, px."""
 ODOMETRY_BOUND = np.array([1.0, 1.0, math.pi], dtype=np.float32)
@@ -64,8 +70,8 @@ class Settings:
 
     plan: str | None = None
     split: str = "train"
-    detector: str = "oracle"
-    detector_noise_px: float = 5.0
+    detector: str = DEFAULT_DETECTOR
+    detector_noise_px: float = NOISE_PX
     localizer: str = "galoc"
     geometry: str = "ml"
     scoring: str = "likelihood"
@@ -109,10 +115,33 @@ class Settings:
             raise GalocError(f"imaging of type {type(self.imaging).__name__}", expected, "Pass one of these.")
         if self.render_mode not in (None, "rgb_array"):
             raise GalocError(f"render_mode = {self.render_mode!r}", 'None or "rgb_array"', "Pass one of these.")
+        self._check_detector()
+
+    def _check_detector(self) -> None:
+        """Refuse a detector that has nothing to look at, and noise that it would not have."""
+        if not self.looks:
+            return
+        if self.detector_noise_px != NOISE_PX:
+            got = f'detector_noise_px = {self.detector_noise_px:g} with detector = "{self.detector}"'
+            cure = 'Pass detector="oracle", whose noise it is, or leave detector_noise_px out.'
+            raise GalocError(got, 'noise for detector = "oracle" alone', cure)
+        if not self.draws and (self.localizer != "none" or self.render_mode is not None):
+            raise self.refusal()
+
+    def refusal(self) -> GalocError:
+        """Why a detector that looks at pictures has none."""
+        got = f'detector = "{self.detector}", which looks at pictures, with renderer = "none", which draws none'
+        expected = 'a renderer that draws, or detector = "oracle", which knows the walls'
+        return GalocError(got, expected, 'Pass detector="oracle", or leave renderer out.')
 
     def camera(self) -> Camera:
         """The camera that these settings describe."""
         return Camera.from_hfov(self.width, self.height, self.hfov_deg)
+
+    @property
+    def looks(self) -> bool:
+        """Whether the detector looks at the picture."""
+        return self.detector != "oracle"
 
     @property
     def draws(self) -> bool:

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from galoc.camera import Camera, azimuth, levelling
+from galoc.camera import Camera
 from galoc.errors import GalocError
 from galoc.floorplan import Floorplan
 from galoc.types import BORDER, CORNER, OCCLUSION, Wireframe
+from galoc.wall_pixels import JOIN_RANGE, Face, azimuth_limits, wireframe_of
 from galoc_env.truth_kernel import line_range, visible_pieces
 
 Array = NDArray[np.float64]
@@ -24,12 +25,6 @@ MIN_WIDTH = math.radians(0.3)
 """Panels narrower than this are no panels to any detector (about 1 px of 640 at 108 degrees), rad."""
 JOIN_ANGLE = math.radians(0.3)
 """Neighbouring pieces that meet and turn by less than this are one straight wall, rad."""
-JOIN_RANGE = 2e-3
-"""Two pieces meet when their ranges at the shared azimuth differ by less than this share."""
-NEAR = 1e-3
-"""What is nearer to the camera plane than this does not project, m."""
-MAX_AZIMUTH = math.radians(89.0)
-"""Beyond this a wall leaves no finite image in the levelled view, rad."""
 
 
 @dataclass(slots=True)
@@ -48,6 +43,12 @@ class Panel:
     def points(self) -> Array:
         """(2, 2): both ends as (x right, z forward) in the level frame, m."""
         return np.stack([self.range * np.sin(self.azimuth), self.range * np.cos(self.azimuth)], axis=1)
+
+    def face(self, heights: tuple[float, float]) -> Face:
+        """The stretch between ceiling and floor; heights below the camera (ceiling, floor), m."""
+        xz = self.points()
+        corners = np.stack([np.stack([xz[:, 0], np.full(2, y), xz[:, 1]], axis=1) for y in heights])
+        return Face(corners, (self.kind[0], self.kind[1]))
 
 
 def visible_panels(plan: Floorplan, pose: ArrayLike, azimuth_min: float, azimuth_max: float) -> list[Panel]:
@@ -133,151 +134,7 @@ def visible_wireframe(
         )
     if np.shape(pose) != (3,) or not np.all(np.isfinite(pose)):
         raise GalocError(f"pose {pose!r}", "three finite numbers x, y, heading (m, m, rad)", "Fix the pose.")
-    left, right = _azimuth_limits(camera, gravity)
+    left, right = azimuth_limits(camera, gravity)
     panels = visible_panels(plan, pose, left, right)
     heights = (-(plan.ceiling_height - camera_height), camera_height)
-    return _wireframe_of(panels, camera, heights, gravity)
-
-
-def _azimuth_limits(camera: Camera, gravity: tuple[float, float]) -> tuple[float, float]:
-    """Azimuths that the image border reaches, a little widened so that ends just outside are still seen."""
-    w, h = camera.width - 0.5, camera.height - 0.5
-    t = np.linspace(0.0, 1.0, 33)[:, None]
-    corners = np.array([[-0.5, -0.5], [w, -0.5], [w, h], [-0.5, h], [-0.5, -0.5]])
-    border = np.concatenate([a * (1 - t) + b * t for a, b in zip(corners[:-1], corners[1:], strict=True)])
-    rays = camera.rays_level(border, gravity)
-    seen = azimuth(rays[rays[:, 2] > 1e-6])
-    if len(seen) == 0:
-        return -MAX_AZIMUTH, MAX_AZIMUTH
-    margin = math.radians(1.0)
-    return max(-MAX_AZIMUTH, float(seen.min()) - margin), min(MAX_AZIMUTH, float(seen.max()) + margin)
-
-
-@dataclass(frozen=True, slots=True)
-class _Seen:
-    """The part of a straight edge that is on the image."""
-
-    pixels: Array  # (2, 2) px: first and last visible point
-    cut: tuple[bool, bool]  # whether the border (or the camera plane) cut the edge's start and end
-
-
-def _on_image(edge: Array, camera: Camera) -> _Seen | None:
-    """Clip a camera-frame edge (2, 3) to the space before the camera and to the image (Liang-Barsky)."""
-    if edge[:, 2].max() <= NEAR:
-        return None
-    behind = edge[:, 2] < NEAR
-    a, b = edge[0], edge[1]
-    if behind.any():
-        crossing = a + (NEAR - a[2]) / (b[2] - a[2]) * (b - a)
-        a, b = (crossing, b) if behind[0] else (a, crossing)
-    start, end = _pixel(a, camera), _pixel(b, camera)
-    d = end - start
-    t0, t1 = 0.0, 1.0
-    for axis, last in ((0, camera.width - 0.5), (1, camera.height - 0.5)):
-        for p, q in ((-d[axis], start[axis] + 0.5), (d[axis], last - start[axis])):
-            if p == 0.0 and q < 0.0:
-                return None
-            if p < 0.0:
-                t0 = max(t0, q / p)
-            elif p > 0.0:
-                t1 = min(t1, q / p)
-    if t0 >= t1:
-        return None
-    return _Seen(np.stack([start + t0 * d, start + t1 * d]), (t0 > 0.0 or bool(behind[0]), t1 < 1.0 or bool(behind[1])))
-
-
-def _pixel(point: Array, camera: Camera) -> Array:
-    return np.array([camera.fx * point[0] / point[2] + camera.cx, camera.fy * point[1] / point[2] + camera.cy])
-
-
-_Row = tuple[Array, Array, bool, bool, int]
-"""Ceiling and floor pixel of a pair, whether each is seen, and the pair's kind."""
-
-
-class _Pairs:
-    """Collects junction pairs from left to right."""
-
-    def __init__(self) -> None:
-        self.rows: list[_Row] = []
-        self.walls: list[tuple[int, int]] = []
-        self.cuts: list[Array] = []
-
-    def add(self, row: _Row) -> int:
-        self.rows.append(row)
-        return len(self.rows) - 1
-
-    def wireframe(self) -> Wireframe:
-        if not self.rows:
-            return Wireframe.empty()
-        ceiling, floor, ceiling_true, floor_true, kind = zip(*self.rows, strict=True)
-        cuts = np.array(self.cuts).reshape(-1, 2, 2, 2)
-        return Wireframe(
-            np.array(ceiling),
-            np.array(floor),
-            np.array(ceiling_true),
-            np.array(floor_true),
-            np.array(self.walls, dtype=np.int64).reshape(-1, 2),
-            np.array(kind, dtype=np.int8),
-            ceiling_cut=cuts[:, 0],
-            floor_cut=cuts[:, 1],
-        )
-
-
-def _wireframe_of(
-    panels: list[Panel], camera: Camera, heights: tuple[float, float], gravity: tuple[float, float]
-) -> Wireframe:
-    """Project panels and clip them to the image."""
-    pairs = _Pairs()
-    shared: tuple[float, float, int] | None = None  # azimuth, range and index of the last right-hand end
-    for panel in panels:
-        xz = panel.points()
-        level = np.stack([np.stack([xz[:, 0], np.full(2, y), xz[:, 1]], axis=1) for y in heights])
-        quad = level @ levelling(gravity)  # (ceiling/floor, left/right, camera xyz)
-        ends = [_end(panel, side, quad, camera) for side in (0, 1)]
-        if ends[0] is None or ends[1] is None:
-            continue
-        here = (float(panel.azimuth[0]), float(panel.range[0]))
-        met = shared is not None and abs(shared[0] - here[0]) < 1e-9 and abs(shared[1] / here[1] - 1.0) < JOIN_RANGE
-        left = shared[2] if met and shared is not None else pairs.add(ends[0])
-        right = pairs.add(ends[1])
-        shared = (float(panel.azimuth[1]), float(panel.range[1]), right)
-        pairs.walls.append((left, right))
-        pairs.cuts.append(np.stack([_cuts(quad[row], camera) for row in (0, 1)]))
-    return pairs.wireframe()
-
-
-def _cuts(line: Array, camera: Camera) -> Array:
-    """(2, 2) px: where a wall line (left end, right end) is cut by the image border; NaN where it is not."""
-    seen = _on_image(line, camera)
-    if seen is None:
-        return np.full((2, 2), np.nan)
-    return np.where(np.array(seen.cut)[:, None], seen.pixels, np.nan)
-
-
-def _end(panel: Panel, side: int, quad: Array, camera: Camera) -> _Row | None:
-    """One end of a panel as a junction pair; None when no part of the panel is on the image."""
-    vertical = _on_image(quad[:, side], camera) if panel.kind[side] != BORDER else None
-    if vertical is not None:
-        top, bottom = vertical.pixels
-        return top, bottom, not vertical.cut[0], not vertical.cut[1], panel.kind[side]
-    # The left or right image edge cuts the wall: find where its ceiling and floor line cross that edge.
-    edge = -0.5 if side == 0 else camera.width - 0.5
-    normal = np.array([camera.fx, 0.0, camera.cx - edge])  # camera-frame plane of the pixels u = edge
-    row = np.array([-0.5, camera.height - 0.5])
-    seen, reached = [False, False], False
-    for which in (0, 1):
-        a, b = quad[which] @ normal
-        t = a / (a - b) if a != b else math.nan
-        if not -1e-6 <= t <= 1.0 + 1e-6:
-            continue
-        reached = True
-        point = quad[which, 0] + t * (quad[which, 1] - quad[which, 0])
-        if point[2] > NEAR:
-            v = float(_pixel(point, camera)[1])
-            if (which == 0 and v > camera.height - 0.5) or (which == 1 and v < -0.5):
-                return None  # the wall crosses this edge wholly above or below the image
-            seen[which] = -0.5 <= v <= camera.height - 0.5
-            row[which] = min(max(v, -0.5), camera.height - 0.5)
-    if not reached:
-        return None
-    return np.array([edge, row[0]]), np.array([edge, row[1]]), seen[0], seen[1], BORDER
+    return wireframe_of([panel.face(heights) for panel in panels], camera, gravity)[0]

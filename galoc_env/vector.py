@@ -50,8 +50,9 @@ class FloorplanVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
     the byte, in the layout of :class:`gymnasium.vector.SyncVectorEnv`. ``gymnasium.make_vec`` makes this class unless
     told otherwise; it refuses ``wrappers``, for which ask for ``vectorization_mode="sync"``.
 
-    Lanes in the same home share it (mesh, light, free space), each with a localizer of its own. Homes are kept when
-    lanes leave them, twice as many as there are lanes and at most 64 (one per lane where there are more lanes).
+    Lanes in the same home share it (mesh, light, free space), each with a localizer of its own; all share one detector.
+    Homes are kept when lanes leave them, twice as many as there are lanes and at most 64 (one per lane where there are
+    more lanes).
 
     ``reset`` takes the single environment's options for all lanes, or one value per lane: ``"pose"`` (L, 3) and
     ``"plan_seed"`` (L,), also lists with None for "no word"; and ``"reset_mask"``, (L,) bool: which lanes to reset.
@@ -273,6 +274,7 @@ class FloorplanVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         with one_thread():
             for lane in lanes:
                 episode = self._episode(lane)
+                episode.image = out["image"][lane]
                 episode.trail.append(bodies.pose[lane].copy())
                 if episode.observer is not None:
                     for key, value in episode.localize().items():

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from galoc import Camera, Estimate, Floorplan, GalocError, Wireframe
-from galoc_env import motion, process, scoring
+from galoc.detect import make_detector
+from galoc_env import detection, motion, process, scoring
 from galoc_env.bodies import Bodies
 from galoc_env.observe import Observer, estimate_observation, make_localizer
 from galoc_env.sensors import Tilt
@@ -18,9 +19,6 @@ from galoc_env.settings import ESTIMATE_BOUNDS, Settings
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
-
-NOISE_WIDTH_PX = 640
-"""Image width that the detector noise refers to (the paper's), px."""
 
 
 @dataclass(slots=True, eq=False)
@@ -68,10 +66,13 @@ class World:
         """A localizer with a belief of its own about this world; None with `localizer="none"`.
 
         Raises:
-            GalocError: no such localizer, one without the belief that the reward needs, or threads lost in a fork.
+            GalocError: no such localizer or model, a localizer without the belief that the reward needs, or threads
+                lost in a fork.
         """
         if settings.localizer == "galoc":
             process.refuse_lost_threads()
+        if settings.looks and settings.localizer != "none":
+            make_detector(settings.detector)  # a missing model is refused before anybody walks
         localizer = make_localizer(settings, self.plan, camera)
         if localizer is None:
             return None
@@ -132,11 +133,12 @@ class Episode:
     body: int
     """Which of the bodies."""
     detector_key: int
-    """With the step it seeds the detector's noise: whether anybody looks changes nothing that follows."""
+    """With the step it seeds the oracle's noise: whether anybody looks changes nothing that follows."""
     imaging_key: int
     """The same for what the camera does to its picture."""
     succeeded: bool = False
     image: Image | None = None
+    """(H, W, 3): this step's picture, after lens and sensor."""
     estimate: Estimate | None = None
     trail: list[Array] = field(default_factory=list)
     """True poses since the reset, the last one is current."""
@@ -185,20 +187,24 @@ class Episode:
 
     @property
     def wireframe(self) -> Wireframe:
-        """What the detector sees: the true wireframe of the view with its noise; computed when somebody looks."""
+        """What the detector makes of this step's view; computed when somebody looks.
+
+        Raises:
+            GalocError: the detector looks at pictures, and none is drawn.
+        """
         step = self.steps
         if self._seen is None or self._seen[0] != step:
             self._seen = step, self._detect(step)
         return self._seen[1]
 
     def _detect(self, step: int) -> Wireframe:
-        from galoc.detect.oracle import perturb
-        from galoc_env.truth import visible_wireframe
-
-        pose, (roll, pitch) = self.bodies.pose[self.body], self.bodies.tilt[self.body].tolist()
-        truth = visible_wireframe(self.world.seen_plan, self.camera, pose, self.settings.camera_height, (roll, pitch))
-        rng = np.random.default_rng((self.detector_key, step))
-        return perturb(truth, self.camera, self.settings.detector_noise_px * self.camera.width / NOISE_WIDTH_PX, rng)
+        bodies, i = self.bodies, self.body
+        if self.settings.looks:
+            assert self.image is not None
+            heights = None if self.observer is None else self.observer.heights
+            return detection.look(self.image, bodies.gravity[i], self.settings, self.camera, heights)
+        plan, key = self.world.seen_plan, (self.detector_key, step)
+        return detection.oracle(plan, bodies.pose[i], bodies.tilt[i], self.settings, self.camera, key)
 
     def imaged(self, image: Image, imaging: Any) -> Image:
         """(H, W, 3): a picture after lens and sensor."""
@@ -258,7 +264,7 @@ class Snapshot:
     """(H, W, 3) RGB; None when nothing was drawn."""
     wireframe: Wireframe
     wireframe_source: str
-    """Where the wireframe comes from, in words."""
+    """Which detector the wireframe comes from, in words."""
     trail: Array
     """(T, 3) true poses since the reset, the last one is current."""
     collided: bool
@@ -284,8 +290,7 @@ class Snapshot:
             episode.camera,
             episode.image if episode.settings.draws else None,
             episode.wireframe,
-            # The oracle, the only detector so far.
-            f"true wall lines + {episode.settings.detector_noise_px:g} px noise",
+            detection.source(episode.settings),
             np.array(episode.trail).reshape(-1, 3),
             episode.moved.collided,
             episode.estimate,

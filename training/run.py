@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,8 +39,14 @@ class Options:
     """How often a frame is seen before other shards take its turn."""
 
 
+def _interrupt(_signal: int, _frame: object) -> None:
+    raise KeyboardInterrupt
+
+
 def main(options: Options) -> None:
     """Start the workers, wait for the first frames, train."""
+    for name in (signal.SIGINT, signal.SIGTERM):  # a job in the background is born deaf to the first
+        signal.signal(name, _interrupt)
     cores = os.cpu_count() or 1
     os.environ.setdefault("NUMBA_NUM_THREADS", "1")
     options.out.mkdir(parents=True, exist_ok=True)

@@ -6,12 +6,13 @@ import math
 import os
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from galoc import Floorplan, GalocError
 from galoc.detect.strip import upright_strip
 from galoc_env.homes import generate
 from galoc_env.imaging import Imaging
@@ -26,6 +27,8 @@ CAMERAS_PER_HOME, VIEWS_PER_CAMERA = 4, 40
 """A home takes some half a second to furnish and to light, a frame five milliseconds."""
 TRAIN_HOMES = 600_000
 """Homes that training draws from; the last of the split's are kept for validation."""
+STRETCHED_SHARE, MOST_STRETCH = 0.3, 2.4
+"""Share of homes that are stretched, and how far at most."""
 PLAIN_SHARE = 0.12
 """Share of frames that the sensor leaves as they were drawn."""
 
@@ -107,9 +110,24 @@ def photograph(scene: Scene, rng: np.random.Generator, cameras: int, views: int)
         renderer.close()
 
 
+def stretched(plan: Floorplan, rng: np.random.Generator) -> Floorplan:
+    """The plan drawn larger along x and y, under a higher ceiling: halls and offices, which no generated home has."""
+    x, y = np.exp(rng.uniform(math.log(0.9), math.log(MOST_STRETCH), 2)).tolist()
+    factors = np.array([x, y, x, y])
+    openings = tuple(
+        replace(o, x1=x * o.x1, y1=y * o.y1, x2=x * o.x2, y2=y * o.y2, thickness=o.thickness * min(x, y))
+        for o in plan.openings
+    )
+    outline = None if plan.outline is None else plan.outline * factors[:2]
+    ceiling = plan.ceiling_height * float(rng.uniform(1.0, 1.4))
+    return replace(plan, segments=plan.segments * factors, openings=openings, outline=outline, ceiling_height=ceiling)
+
+
 def furnished(seed: int, rng: np.random.Generator, split: str = "train") -> Scene:
-    """A home of a split, furnished anyhow."""
+    """A home of a split, furnished anyhow; some are stretched to larger buildings."""
     plan = generate(seed, split=split)
+    if rng.random() < STRETCHED_SHARE:
+        plan = stretched(plan, rng)
     furniture = float(rng.beta(1.4, 1.2))
     shut = float(rng.choice([0.0, rng.uniform(0.0, 0.6)]))
     return build_scene(plan, furniture=furniture, seed=int(rng.integers(1 << 31)), shut_doors=shut)
@@ -132,7 +150,10 @@ def generate_forever(folder: Path, seed: int, most_shards: int, *, stop: Path, n
     waiting: dict[int, list[Frames]] = {width: [] for width in WIDTHS}
     count = 0
     while not stop.exists() and os.getppid() == parent:
-        scene = furnished(int(rng.integers(TRAIN_HOMES)), rng)
+        try:
+            scene = furnished(int(rng.integers(TRAIN_HOMES)), rng)
+        except GalocError:  # a stretched home in which nobody can stand
+            continue
         for width, frame in photograph(scene, rng, CAMERAS_PER_HOME, VIEWS_PER_CAMERA):
             waiting[width].append(frame)
         for width, frames in waiting.items():

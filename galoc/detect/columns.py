@@ -29,7 +29,7 @@ class Columns:
     edge_azimuths: Array
     """(E,) rad, centres of the narrower columns that wall edges are sought in."""
     edge: Array
-    """(2, E) probability of a corner (row 0: two walls meet) and of an occlusion (row 1: a wall ends before another)."""
+    """(2, E) probability of a corner (row 0: two walls meet) and an occlusion (row 1: a wall ends before another)."""
 
     def __len__(self) -> int:
         """C."""

@@ -17,6 +17,7 @@ def env(tmp_path):
         localizer="small_world:DeadReckoner",
         reward="error",
         renderer="none",
+        detector="oracle",
         width=32,
         height=24,
     )

@@ -57,7 +57,7 @@ def all_the_way(plan: str, steps: int, folder: Path) -> dict:
             }
         )
 
-    env = FloorplanEnv(plan=plan, width=160, height=120, render_mode="rgb_array")
+    env = FloorplanEnv(plan=plan, detector="oracle", width=160, height=120, render_mode="rgb_array")
     walk = rollout(env, 0, steps, on_step=on_step)
     picture = env.render()
     env.close()

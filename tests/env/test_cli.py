@@ -14,7 +14,9 @@ import numpy as np
 import pytest
 from small_world import small_plan
 
-from galoc_env import evaluate
+from galoc import assets
+from galoc.detect.model import SHIPPED
+from galoc_env import detection, evaluate
 from galoc_env.cli import main
 
 RUN = "import sys; from galoc_env.cli import main; main(sys.argv[1:])"
@@ -25,7 +27,11 @@ def plan_file(tmp_path_factory):
     return str(small_plan().save(tmp_path_factory.mktemp("plans") / "small plan.json"))
 
 
-SHARED = ["--steps", "5", "--seed", "3"]
+needs_model = pytest.mark.skipif(
+    not (assets.root() / SHIPPED).is_file(), reason=f"this checkout has no {SHIPPED}: the learned detector needs it"
+)
+
+SHARED = ["--steps", "5", "--seed", "3", "--detector", "oracle"]
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +60,7 @@ def test_demo_writes_film_summary_and_numbers(demo, plan_file):
     # NaN and infinity are no JSON.
     result = json.loads((out / "result.json").read_text(), parse_constant=lambda name: pytest.fail(name))
     assert result["settings"]["plan"] == plan_file and result["settings"]["seed"] == 3
+    assert result["settings"]["detector"] == "oracle" and result["settings"]["model"] is None
     assert len(result["steps"]) == 6 and result["collisions"] == 0
     errors = [np.inf if s["error_m"] is None else s["error_m"] for s in result["steps"]]
     assert result["recall"]["0.5m"] == pytest.approx(np.mean(np.array(errors) < 0.5))
@@ -68,29 +75,57 @@ def test_demo_and_evaluation_see_the_same_walk(demo, plan_file, tmp_path):
 
 def test_evaluation_resumes_and_cleans_up(plan_file, tmp_path, capsys):
     out = tmp_path / "walks.json"
-    arguments = ["evaluate", "--plan", plan_file, "--steps", "3", "--out", str(out)]
+    arguments = ["evaluate", "--plan", plan_file, "--steps", "3", "--detector", "oracle", "--out", str(out)]
     main([*arguments, "--episodes", "2"])
     first = json.loads(out.read_text())
     partial = tmp_path / "walks.json.partial.jsonl"
     assert not partial.exists()
     # A run that was stopped: seed 0 finished (marked), the line of seed 1 torn.
     marked = {**first["walks"][0], "final_error_m": 7.25}
-    job = {key: first["settings"][key] for key in ("arguments", "steps")}
+    job = {key: first["settings"][key] for key in ("arguments", "steps", "model")}
     partial.write_text(json.dumps(job) + "\n" + json.dumps(marked) + "\n" + '{"seed": 1, "pl')
     main([*arguments, "--episodes", "2"])
     second = json.loads(out.read_text())
     assert second["walks"][0]["final_error_m"] == 7.25  # taken over
     assert second["walks"][1] == first["walks"][1]  # walked again
-    assert "95 % interval" in capsys.readouterr().out
+    said = capsys.readouterr()
+    assert "95 % interval" in said.out and "starting anew" not in said.err
     # The partial of another job is not taken over.
     partial.write_text(json.dumps({**job, "steps": 99}) + "\n" + json.dumps(marked) + "\n")
     main([*arguments, "--episodes", "1"])
     assert json.loads(out.read_text())["walks"] == first["walks"][:1]
+    said = capsys.readouterr().err
+    assert "1 finished of another run (steps 99 there, 3 now); starting anew" in said
+
+
+@needs_model
+def test_the_learned_detector_is_the_default_and_its_model_is_named(plan_file, tmp_path, capsys):
+    arguments = ["--plan", plan_file, "--steps", "2", "--seed", "1"]
+    main(["demo", *arguments, "--out", str(tmp_path)])
+    filmed = json.loads((tmp_path / "result.json").read_text())
+    out = tmp_path / "walks.json"
+    partial = tmp_path / "walks.json.partial.jsonl"
+    main(["evaluate", *arguments, "--episodes", "1", "--out", str(out)])
+    found = json.loads(out.read_text())
+    digits = detection.model("onnx")
+    assert filmed["settings"]["detector"] == found["settings"]["arguments"]["detector"] == "onnx"
+    assert filmed["settings"]["model"] == found["settings"]["model"] == digits
+    assert found["walks"][0]["recall"] == filmed["recall"]  # what is filmed is what is scored
+    assert f"detector onnx, model {digits}" in capsys.readouterr().out
+    # Walks of another model are not mixed in, and that is said.
+    job = {**{key: found["settings"][key] for key in ("arguments", "steps")}, "model": "0123456789ab"}
+    partial.write_text(json.dumps(job) + "\n" + json.dumps({**found["walks"][0], "final_error_m": 7.25}) + "\n")
+    main(["evaluate", *arguments, "--episodes", "1", "--out", str(out)])
+    assert json.loads(out.read_text()) == found
+    assert f"model 0123456789ab there, {digits} now" in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_jobs_do_not_change_the_numbers(plan_file):
-    arguments = {"plan": plan_file, "renderer": "none", "localizer": "small_world:DeadReckoner", "reward": "error"}
+@pytest.mark.parametrize(
+    "detector", [{"detector": "oracle", "renderer": "none"}, pytest.param({"detector": "onnx"}, marks=needs_model)]
+)
+def test_jobs_do_not_change_the_numbers(plan_file, detector):
+    arguments = {"plan": plan_file, "width": 96, "height": 72, **detector}
     alone, shared = (list(evaluate.run_seeds(arguments, [0, 1], 3, jobs)) for jobs in (1, 2))
     assert sorted(shared, key=lambda e: e["seed"]) == alone
 
@@ -117,6 +152,9 @@ def test_summary_of_known_walks():
         ["demo", "--plan", "PLAN", "--steps", "0"],
         ["demo", "--plan", "PLAN", "--seed", "-1"],
         ["demo", "--plan", "PLAN", "--odometry-noise", "-1"],
+        ["demo", "--plan", "PLAN", "--detector", "magic"],
+        ["demo", "--plan", "PLAN", "--detector-noise-px", "3"],
+        ["evaluate", "--plan", "PLAN", "--detector-noise-px", "3"],
         ["demo", "--plan", "PLAN", "--out", "PLAN/inside"],
         ["evaluate", "--plan", "PLAN", "--episodes", "0"],
         ["evaluate", "--plan", "PLAN", "--out", "PLAN/inside.json"],
@@ -140,7 +178,20 @@ def test_read_only_folder_is_refused(plan_file, tmp_path, capsys):
 
 
 def test_ctrl_c_leaves_nothing_half_written(plan_file, tmp_path):
-    command = [sys.executable, "-c", RUN, "demo", "--plan", plan_file, "--steps", "5000", "--out", str(tmp_path)]
+    command = [
+        sys.executable,
+        "-c",
+        RUN,
+        "demo",
+        "--plan",
+        plan_file,
+        "--steps",
+        "5000",
+        "--detector",
+        "oracle",
+        "--out",
+        str(tmp_path),
+    ]
     # Its own process group, signalled as a whole: that is what a terminal does, and ffmpeg gets it too.
     # Tests that run in a shell's background inherit an ignored interrupt; whoever presses Ctrl-C does not.
     heed = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)

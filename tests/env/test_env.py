@@ -18,7 +18,7 @@ from galoc_env._motion_kernel import BLOCK
 from galoc_env.env import FloorplanEnv
 from galoc_env.settings import Settings
 
-FAST = {"localizer": "small_world:DeadReckoner", "reward": "error", "renderer": "none"}
+FAST = {"localizer": "small_world:DeadReckoner", "reward": "error", "renderer": "none", "detector": "oracle"}
 BARE_NOISY = {"localizer": "none", "renderer": "none", "imu_noise_deg": 10.0, "odometry_noise": 1.0, "tilt_deg": 30.0}
 SIZE = {"width": 64, "height": 48}
 
@@ -30,10 +30,11 @@ def plan_file(tmp_path_factory):
 
 @pytest.fixture
 def make(plan_file):
+    """Environments that see the exact structure, unless told otherwise: most tests are not about the detector."""
     made = []
 
     def build(**arguments):
-        made.append(FloorplanEnv(**{"plan": plan_file, **SIZE, **arguments}))
+        made.append(FloorplanEnv(**{"plan": plan_file, "detector": "oracle", **SIZE, **arguments}))
         return made[-1]
 
     yield build
@@ -60,7 +61,7 @@ def play(env, seed, actions):
         {"render_mode": "rgb_array"},
         {"actions": "continuous", "tilt_deg": 10.0, "reward": "infogain"},
         {"localizer": "none"},
-        {"localizer": "small_world:Silent", "reward": "success", "renderer": "none"},
+        {"localizer": "small_world:Silent", "reward": "success", "renderer": "none", "detector": "oracle"},
     ],
 )
 def test_gymnasium_checker_has_nothing_to_say(plan_file, arguments):
@@ -223,8 +224,8 @@ def test_the_world_is_kept_while_the_plan_stays(make):
 @pytest.mark.parametrize(
     "arguments",
     [
-        {"detector": "onnx"},
-        {"detector": "lines"},
+        {"detector": "magic"},
+        {"detector": None},
         {"geometry": "magic"},
         {"scoring": "magic"},
         {"renderer": "crayon"},
@@ -258,8 +259,8 @@ def test_bad_arguments_are_refused_at_once(make, arguments):
 
 
 def test_refusals_list_what_there_is(make):
-    with pytest.raises(GalocError, match=r'detector = .onnx.*"oracle"'):
-        make(detector="onnx")
+    with pytest.raises(GalocError, match=r'detector = .magic.*"onnx" or "oracle" or "lines"'):
+        make(detector="magic")
 
 
 @pytest.mark.parametrize(
@@ -356,6 +357,7 @@ def test_shut_doors_are_walls_to_camera_and_body_but_not_in_the_map():
     arguments = {
         **SIZE,
         "renderer": "none",
+        "detector": "oracle",
         "furniture": 0.0,
         "localizer": "small_world:DeadReckoner",
         "reward": "error",
@@ -438,7 +440,7 @@ def test_errors_cross_process_borders(make):
 
 
 def test_the_localizer_is_told_how_good_the_sensors_are() -> None:
-    env = FloorplanEnv(plan="apartment", renderer="none", imu_noise_deg=2.0, odometry_noise=0.05)
+    env = FloorplanEnv(plan="apartment", renderer="none", detector="oracle", imu_noise_deg=2.0, odometry_noise=0.05)
     env.reset(seed=0)
     assert env.world is not None and env.world.observer is not None
     config = env.world.observer.localizer.config  # type: ignore[attr-defined]

@@ -28,7 +28,7 @@ import multiprocessing, sys
 from galoc_env.env import FloorplanEnv
 
 def work(_):
-    env = FloorplanEnv(sys.argv[1], renderer="none")
+    env = FloorplanEnv(sys.argv[1], renderer="none", detector="oracle")
     env.reset(seed=0)
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ ARGUMENTS = {
     "localizer": "small_world:DeadReckoner",
     "reward": "error",
     "renderer": "none",
+    "detector": "oracle",
     "width": 32,
     "height": 24,
 }

@@ -19,7 +19,7 @@ from galoc_env.world import World
 
 ENV_ID = "galoc_env:GALoc-Floorplan-v0"
 SIZE = {"width": 32, "height": 24}
-BLIND = {**SIZE, "renderer": "none"}
+BLIND = {**SIZE, "renderer": "none", "detector": "oracle"}
 BARE = {**BLIND, "localizer": "none"}
 RECKONED = {**BLIND, "localizer": "small_world:DeadReckoner"}
 LANES = 3
@@ -258,7 +258,7 @@ def test_make_vec_hands_on_how_to_reset(plan_file):
 
 @pytest.mark.parametrize(("localizer", "renderer"), [("none", "raster"), ("galoc", "none")])
 def test_a_pickled_batch_goes_on_alike(make, plan_file, localizer, renderer):
-    envs = make(plan=plan_file, tilt_deg=5.0, **SIZE, localizer=localizer, renderer=renderer)
+    envs = make(plan=plan_file, tilt_deg=5.0, **SIZE, localizer=localizer, renderer=renderer, detector="oracle")
     fresh = pickle.loads(pickle.dumps(envs))
     assert_same(envs.reset(seed=2), fresh.reset(seed=2))
     envs.step(np.array([0, 2, 3]))

@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from galoc import Camera, Floorplan, GalocError, Localizer, Wireframe
+from galoc import Camera, Floorplan, GalocError, Localizer, Wireframe, assets, detect
+from galoc.detect.model import SHIPPED
 from galoc.detect.oracle import OracleDetector, perturb
+from galoc.heights import Heights
 from galoc.localizer import LocalizerConfig
 from galoc.metrics import pose_error
 from galoc_env.truth import visible_wireframe
@@ -126,14 +128,121 @@ def test_refusals(localizer: Localizer) -> None:
         Localizer(PLAN, CAMERA, geometry="magic")
     with pytest.raises(GalocError, match="scoring"):
         Localizer(PLAN, CAMERA, scoring="magic")
-    with pytest.raises(GalocError, match="detector"):
-        localizer.locate(np.zeros((480, 640, 3), np.uint8), (0.0, 0.0))
     with pytest.raises(GalocError, match="gravity"):
         localizer.locate(visible_wireframe(PLAN, CAMERA, walk(0)[0][0], 1.4), (math.nan, 0.0))
     detector = OracleDetector(Wireframe.empty, 0.0, np.random.default_rng(0))
     for image in (np.zeros((48, 64, 3), np.uint8), np.zeros((480, 640, 3), np.float32)):
         with pytest.raises(GalocError, match="image"):
             Localizer(PLAN, CAMERA, detector=detector).locate(image, (0.0, 0.0))
+
+
+@pytest.mark.parametrize("detector", ["magic", "oracle", "", None, 3, OracleDetector, Wireframe.empty()])
+def test_what_is_no_detector_is_refused_at_once(detector: Any) -> None:
+    with pytest.raises(GalocError, match="detector") as caught:
+        Localizer(ROOMS, CAMERA, detector=detector)
+    assert '"onnx"' in caught.value.expected
+
+
+def test_a_detector_that_uses_heights_is_told_what_is_known() -> None:
+    """First what was given, then what the sequence has learned; :meth:`locate` may be told otherwise."""
+    told: list[Any] = []
+
+    class Listener:
+        uses_heights = True
+
+        def detect(self, image: Any, camera: Any, gravity: Any, *, log_ratio: Any = None) -> Wireframe:
+            told.append(log_ratio)
+            return visible_wireframe(PLAN, CAMERA, poses[(len(told) - 1) % len(poses)][0], 1.4)
+
+    poses = journey(10, 1)
+    listening = Localizer(PLAN, CAMERA, detector=Listener())
+    image = np.zeros((480, 640, 3), np.uint8)
+    known: list[Any] = []
+    for _, odometry in poses:
+        known.append((listening.heights.k, listening.heights.k_sd))
+        listening.step(image, (0.0, 0.0), odometry)
+    assert told == known and told[0] == (0.0, pytest.approx(0.3 * math.sqrt(2.0)))
+    assert told[-1][1] < 0.1  # learned: k is known to 10 %
+    other = Heights.known(1.2, 2.4)
+    listening.locate(image, (0.0, 0.0), other)
+    listening.locate(image, (0.0, 0.0))
+    assert told[-2:] == [(other.k, other.k_sd), told[0]]
+
+
+def test_no_detector_is_made_before_an_image_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[str] = []
+
+    def build(name: str) -> OracleDetector:
+        made.append(name)
+        return OracleDetector(Wireframe.empty, 0.0, np.random.default_rng(0))
+
+    monkeypatch.setattr(detect, "_made", {})
+    monkeypatch.setattr(detect, "_build", build)
+    first, second = Localizer(ROOMS, CAMERA), Localizer(ROOMS, CAMERA, detector="lines")
+    first.step(Wireframe.empty(), (0.0, 0.0))
+    assert made == []
+    for localizer in (first, second, first):
+        localizer.step(np.zeros((480, 640, 3), np.uint8), (0.0, 0.0))
+    assert made == ["onnx", "lines"]
+
+
+Film = tuple[Camera, list[tuple[Any, Any, Any, Any]]]
+FILMED_FROM = (1.65, 5.55, -2.9)
+"""In the kitchen of the apartment."""
+needs_model = pytest.mark.skipif(
+    not (assets.root() / SHIPPED).is_file(), reason=f"this checkout has no {SHIPPED}: the learned detector needs it"
+)
+
+
+@pytest.fixture(scope="module")
+def filmed() -> Film:
+    """Once around in the furnished apartment, as a robot records it: image, gravity, odometry; and the true pose."""
+    from galoc_env.env import FloorplanEnv
+
+    env = FloorplanEnv(plan="apartment", localizer="none", tilt_deg=2.0)
+    seen, info = env.reset(seed=4, options={"pose": FILMED_FROM})
+    frames = [(seen["image"], seen["gravity"], seen["odometry"], info["pose"])]
+    for _ in range(12):
+        seen, *_, info = env.step(2)
+        frames.append((seen["image"], seen["gravity"], seen["odometry"], info["pose"]))
+    env.close()
+    return env.camera, frames
+
+
+@needs_model
+def test_from_pixels_alone_it_finds_itself(filmed: Film) -> None:
+    """The shipped network, heights unknown, 0.5 degrees of gravity noise: a look around the room is enough."""
+    camera, frames = filmed
+    localizer = Localizer(PLAN, camera, config=LocalizerConfig(imu_sigma_deg=0.5))
+    coverage, errors = [], []
+    for image, gravity, odometry, pose in frames:
+        estimate = localizer.step(image, gravity, odometry)
+        assert estimate.rays is not None and 0.0 <= estimate.confidence <= 1.0
+        coverage.append(estimate.rays.coverage)
+        errors.append(pose_error(estimate.pose, pose)[0])
+    assert np.mean(coverage) > 0.3  # of the view; 0.7 with exact structure
+    assert errors[-1] < 0.5  # m, what counts as found
+
+
+@needs_model
+def test_images_and_their_wireframes_are_one_route(filmed: Film) -> None:
+    """An image given is the wireframe given that the detector makes of it, with what is known of the heights."""
+    camera, frames = filmed
+    by_image, by_wireframe = Localizer(PLAN, camera), Localizer(PLAN, camera)
+    for image, gravity, odometry, _ in frames[:4]:
+        measured = (float(gravity[0]), float(gravity[1]))
+        seen = detect.detect(detect.make_detector("onnx"), image, camera, measured, by_wireframe.heights)
+        a, b = by_image.step(image, gravity, odometry), by_wireframe.step(seen, gravity, odometry)
+        assert a.pose.tobytes() == b.pose.tobytes() and a.confidence == b.confidence
+
+
+@needs_model
+@pytest.mark.parametrize("value", [0, 128, 255])
+def test_a_blank_picture_abstains(likely: Localizer, value: int) -> None:
+    likely.reset()
+    image = np.full((480, 640, 3), value, np.uint8)
+    for estimate in (likely.locate(image, (0.0, 0.0)), likely.step(image, (0.0, 0.0))):
+        assert estimate.abstained and estimate.confidence == 0.0 and np.isnan(estimate.pose).all()
 
 
 def test_likelihood_finds_noise_free_views(likely: Localizer) -> None:

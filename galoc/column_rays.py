@@ -1,0 +1,88 @@
+"""Observation rays straight from a network's columns: each column is a ray with a variance.
+
+A column at elevation e of the floor line says ``log range = log h_floor - log tan(-e)``, the ceiling line likewise; an
+error of e counts ``2 / sin(2 e)`` times. No wall has to be drawn for that, so a column that the decoder cannot fit
+still tells what it knows.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from galoc.camera import Camera, levelling
+from galoc.detect.columns import Columns
+from galoc.rays import KNOWN_SD, ray_count
+from galoc.types import Rays
+
+Array = NDArray[np.float64]
+
+LEAST_ELEVATION = math.radians(1.0)
+"""Lines nearer to the horizon tell no range, rad."""
+FREE_CHI2 = 3.0
+"""Ceiling and floor may disagree by so many variances before the column is trusted less."""
+
+
+def column_rays(
+    columns: Columns,
+    camera: Camera,
+    heights: ArrayLike,
+    k_sd: float,
+    *,
+    measured: ArrayLike = (0.0, 0.0),
+    refined: ArrayLike = (0.0, 0.0),
+) -> Rays:
+    """Rays at 1 degree, as :func:`galoc.rays.cast_rays` gives them.
+
+    Args:
+        columns: what the network said.
+        camera: intrinsics, for the number of rays.
+        heights: (2,) ceiling above and floor below the camera, m (or any scale).
+        k_sd: standard deviation of the log of their ratio.
+        measured: (roll, pitch) that the columns were levelled by, rad.
+        refined: the same after the layout refined it; the columns are levelled again.
+    """
+    turn = levelling(refined) @ levelling(measured).T
+    log_h = np.log(np.asarray(heights, np.float64))[:, None]
+    azimuth, elevation = _turned(columns, turn)
+    steep = np.maximum(np.array([[1.0], [-1.0]]) * elevation, LEAST_ELEVATION)
+    log_range = log_h - np.log(np.tan(np.minimum(steep, math.radians(89.0))))
+    variance = np.square(2.0 / np.sin(2.0 * np.clip(steep, 0.0, math.radians(85.0))) * columns.sigma)
+    usable = (np.array([[1.0], [-1.0]]) * elevation > LEAST_ELEVATION) & (columns.sure > 0.05)
+    precision = np.where(usable, np.square(columns.sure) / variance, 0.0)
+    total = precision.sum(axis=0)
+    share = precision / np.maximum(total, 1e-12)
+    fused = (share * log_range).sum(axis=0)
+    apart = np.square(log_range[0] - log_range[1]) / (variance.sum(axis=0) + k_sd**2)
+    doubt = np.where(usable.all(axis=0), np.maximum(1.0, apart / FREE_CHI2), 1.0)
+    spread = doubt / np.maximum(total, 1e-12) + np.square(0.5 * (share[1] - share[0]) * k_sd)
+    at = (share * azimuth).sum(axis=0)
+    return _at_rays(at, fused, np.where(total > 0.0, spread, np.inf), camera)
+
+
+def _turned(columns: Columns, turn: Array) -> tuple[Array, Array]:
+    """(2, C) azimuth and elevation of both lines after a small rotation of the level frame."""
+    flat = np.cos(columns.elevation)
+    direction = np.stack(
+        [np.sin(columns.azimuths) * flat, -np.sin(columns.elevation), np.cos(columns.azimuths) * flat], axis=-1
+    )
+    x, y, z = np.moveaxis(direction @ turn.T, -1, 0)
+    return np.arctan2(x, z), np.arctan2(-y, np.hypot(x, z))
+
+
+def _at_rays(azimuth: Array, log_range: Array, variance: Array, camera: Camera) -> Rays:
+    """Columns to rays: the mean of the columns on both sides; where these disagree, a step is near."""
+    n = ray_count(camera.hfov_deg)
+    wanted = -np.radians(np.arange(n) - (n - 1) / 2.0)
+    right = np.clip(np.searchsorted(azimuth, wanted), 1, len(azimuth) - 1)
+    left = right - 1
+    t = np.clip((wanted - azimuth[left]) / np.maximum(azimuth[right] - azimuth[left], 1e-9), 0.0, 1.0)
+    with np.errstate(invalid="ignore"):
+        mean = (1.0 - t) * log_range[left] + t * log_range[right]
+        between = t * (1.0 - t) * np.square(log_range[right] - log_range[left])
+        spread = (1.0 - t) * variance[left] + t * variance[right] + between
+    spread = np.where(np.isfinite(spread), spread, np.inf)
+    known = spread < KNOWN_SD**2
+    return Rays(np.where(known, np.exp(mean), np.nan), known, np.where(known, spread, np.nan))

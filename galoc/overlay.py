@@ -55,15 +55,16 @@ def draw_wireframe(image: Image, wireframe: Wireframe, known_walls: ArrayLike | 
 
 def _draw_walls(canvas: Image, wireframe: Wireframe, chosen: NDArray[np.bool_], width: int) -> None:
     kind = np.zeros(len(wireframe), np.int8) if wireframe.kind is None else wireframe.kind
-    for left, right in wireframe.walls[chosen]:
-        _line(canvas, wireframe.ceiling[left], wireframe.ceiling[right], CEILING_RGB, width)
-        _line(canvas, wireframe.floor[left], wireframe.floor[right], FLOOR_RGB, width)
+    for row, colour in ((0, CEILING_RGB), (1, FLOOR_RGB)):
+        for wall, a, b in wireframe.shown_lines(row):
+            if chosen[wall]:
+                draw_line(canvas, a, b, colour, width)
     for pair in np.unique(wireframe.walls[chosen]):
         if kind[pair] == BORDER:
             continue
         ends = wireframe.ceiling[pair], wireframe.floor[pair]
-        for a, b in _dashes(*ends, 4.0 * width) if kind[pair] == OCCLUSION else [ends]:
-            _line(canvas, a, b, VERTICAL_RGB, width)
+        for a, b in dashes(*ends, 4.0 * width) if kind[pair] == OCCLUSION else [ends]:
+            draw_line(canvas, a, b, VERTICAL_RGB, width)
 
 
 def _draw_junctions(canvas: Image, wireframe: Wireframe, width: int) -> None:
@@ -84,7 +85,7 @@ def _draw_junctions(canvas: Image, wireframe: Wireframe, width: int) -> None:
             cv2.circle(canvas, centre, width + 1, colour, filled, cv2.LINE_AA)
 
 
-def _line(canvas: Image, a: NDArray, b: NDArray, colour: Colour, width: int) -> None:
+def draw_line(canvas: Image, a: NDArray, b: NDArray, colour: Colour, width: int) -> None:
     """Anti-aliased line between float pixels; ends far outside are clipped first, for cv2 takes 32-bit numbers."""
     import cv2
 
@@ -109,7 +110,8 @@ def _clipped(a: NDArray, b: NDArray, width: int, height: int) -> tuple[NDArray, 
     return (a + start * d, a + stop * d) if start <= stop else None
 
 
-def _dashes(a: NDArray, b: NDArray, dash_px: float) -> Iterator[tuple[NDArray, NDArray]]:
+def dashes(a: NDArray, b: NDArray, dash_px: float) -> Iterator[tuple[NDArray, NDArray]]:
+    """The line a-b as dashes of that length, and gaps as long."""
     length = float(np.hypot(*(b - a)))
     count = min(max(1, round(length / (2.0 * dash_px))), 500)
     for i in range(count):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from galoc.camera import Camera
-from galoc.overlay import CEILING_RGB, FLOOR_RGB, VERTICAL_RGB, draw_wireframe
+from galoc.overlay import CEILING_RGB, FLOOR_RGB, VERTICAL_RGB, dashes, draw_line, draw_wireframe
 from galoc.types import BORDER, OCCLUSION, Wireframe
 from galoc.wireframe import layout_mask
 
@@ -45,16 +45,16 @@ def draw_detection(image: Image, wireframe: Wireframe, caption: str = "") -> Ima
     """
     draw_wireframe(image, Wireframe.empty())  # refuses what is no picture
     scale = _scale(image.shape)
-    canvas, scaled = _resized(image, scale), _scaled(wireframe, scale)
+    canvas, scaled = _resized(image, scale), wireframe.resized(scale, scale)
     canvas = _tinted(canvas, scaled)
     width = max(2, round(min(canvas.shape[:2]) / 300))
     for row, colour in ((0, CEILING_RGB), (1, FLOOR_RGB)):
-        for a, b in _lines(scaled, row):
-            _line(canvas, a, b, colour, width)
+        for _, a, b in scaled.shown_lines(row):
+            draw_line(canvas, a, b, colour, width)
     for pair in np.flatnonzero(scaled.kind != BORDER):
         ends = scaled.ceiling[pair], scaled.floor[pair]
-        for a, b in _dashes(*ends, 5.0 * width) if scaled.kind[pair] == OCCLUSION else [ends]:
-            _line(canvas, a, b, VERTICAL_RGB, width)
+        for a, b in dashes(*ends, 5.0 * width) if scaled.kind[pair] == OCCLUSION else [ends]:
+            draw_line(canvas, a, b, VERTICAL_RGB, width)
     for bar in _bars(scaled):
         _draw_bar(canvas, scaled, *bar, width)
     canvas = draw_wireframe(canvas, replace(scaled, walls=np.zeros((0, 2), int), ceiling_cut=None, floor_cut=None))
@@ -73,50 +73,15 @@ def _resized(image: Image, scale: float) -> Image:
     return np.array(cv2.resize(image, (width, height), interpolation=how), np.uint8)
 
 
-def _scaled(w: Wireframe, scale: float) -> Wireframe:
-    """The wireframe in the pixels of the scaled picture; pixel centres are at integers."""
-
-    def move(pixels: Point) -> Point:
-        return (pixels + 0.5) * scale - 0.5
-
-    return replace(
-        w,
-        ceiling=move(w.ceiling),
-        floor=move(w.floor),
-        sigma_px=None if w.sigma_px is None else w.sigma_px * scale,
-        ceiling_cut=None if w.ceiling_cut is None else move(w.ceiling_cut),
-        floor_cut=None if w.floor_cut is None else move(w.floor_cut),
-    )
-
-
 def _tinted(canvas: Image, w: Wireframe) -> Image:
     camera = Camera.from_hfov(canvas.shape[1], canvas.shape[0], 90.0)  # only its size counts here
-    tint = canvas.astype(np.float32)
+    walls = np.zeros(canvas.shape[:2], np.int16)
     for m in range(len(w.walls)):
-        one = replace(
-            w,
-            walls=w.walls[m : m + 1],
-            ceiling_cut=None if w.ceiling_cut is None else w.ceiling_cut[m : m + 1],
-            floor_cut=None if w.floor_cut is None else w.floor_cut[m : m + 1],
-        )
-        inside = layout_mask(one, camera) > 0
-        tint[inside] += TINT * (np.array(WALL_RGBS[m % len(WALL_RGBS)], np.float32) - tint[inside])
-    return np.rint(tint).astype(np.uint8)
-
-
-def _lines(w: Wireframe, row: int) -> Iterator[tuple[Point, Point]]:
-    """The part of each wall's ceiling (0) or floor (1) line that is on the picture."""
-    points, seen = ((w.ceiling, w.ceiling_true), (w.floor, w.floor_true))[row]
-    cuts = (w.ceiling_cut, w.floor_cut)[row]
-    for m, pairs in enumerate(w.walls):
-        ends = []
-        for side, pair in enumerate(pairs):
-            if seen[pair] or cuts is None:
-                ends.append(points[pair])
-            elif np.isfinite(cuts[m, side]).all():
-                ends.append(cuts[m, side])
-        if len(ends) == 2:
-            yield ends[0], ends[1]
+        inside = layout_mask(w, camera, (m,)) > 0
+        walls[inside] = 1 + m % len(WALL_RGBS)
+    tints = np.array([(0, 0, 0), *WALL_RGBS], np.float32)
+    mixed = canvas + TINT * (tints[walls] - canvas)
+    return np.where(walls[..., None] > 0, np.rint(mixed), canvas).astype(np.uint8)
 
 
 def _bars(w: Wireframe) -> Iterator[tuple[int, int, float]]:
@@ -139,21 +104,7 @@ def _draw_bar(canvas: Image, w: Wireframe, pair: int, row: int, sigma: float, wi
     strokes = [tips, *((tip - cap, tip + cap) for tip in tips)]
     for colour, thick in (((20, 20, 20), width + 2), ((255, 255, 255), max(1, width - 1))):
         for a, b in strokes:
-            _line(canvas, a, b, colour, thick)
-
-
-def _line(canvas: Image, a: Point, b: Point, colour: Colour, width: int) -> None:
-    """Anti-aliased, to a sixteenth of a pixel; cv2 takes 32-bit numbers."""
-    limit = 4.0 * max(canvas.shape)
-    if np.all(np.isfinite(a)) and np.all(np.isfinite(b)) and np.all(np.abs([a, b]) < limit):
-        p, q = (tuple(int(round(float(x) * 16.0)) for x in end) for end in (a, b))
-        cv2.line(canvas, p, q, colour, width, cv2.LINE_AA, 4)
-
-
-def _dashes(a: Point, b: Point, dash_px: float) -> Iterator[tuple[Point, Point]]:
-    count = min(max(1, round(float(np.hypot(*(b - a))) / (2.0 * dash_px))), 500)
-    for i in range(count):
-        yield a + (b - a) * (i / count), a + (b - a) * ((i + 0.5) / count)
+            draw_line(canvas, a, b, colour, thick)
 
 
 def _captioned(canvas: Image, caption: str) -> Image:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -112,6 +113,35 @@ class Wireframe:
     def __len__(self) -> int:
         """Number of junction pairs N."""
         return len(self.ceiling)
+
+    def resized(self, x: float, y: float) -> Wireframe:
+        """The same wireframe in an image resized by these factors (pixel centres at integers)."""
+
+        def moved(pixels: Array) -> Array:
+            return (pixels + 0.5) * np.array([x, y]) - 0.5
+
+        return replace(
+            self,
+            ceiling=moved(self.ceiling),
+            floor=moved(self.floor),
+            sigma_px=None if self.sigma_px is None else self.sigma_px * y,  # they err along the vertical above all
+            ceiling_cut=None if self.ceiling_cut is None else moved(self.ceiling_cut),
+            floor_cut=None if self.floor_cut is None else moved(self.floor_cut),
+        )
+
+    def shown_lines(self, row: int) -> Iterator[tuple[int, Array, Array]]:
+        """Wall, and the two ends (px), of each ceiling line (row 0) or floor line (1) that is in the image."""
+        points, seen = ((self.ceiling, self.ceiling_true), (self.floor, self.floor_true))[row]
+        cuts = (self.ceiling_cut, self.floor_cut)[row]
+        for wall, pairs in enumerate(self.walls):
+            ends = []
+            for side, pair in enumerate(pairs):
+                if seen[pair] or cuts is None:
+                    ends.append(points[pair])
+                elif np.isfinite(cuts[wall, side]).all():
+                    ends.append(cuts[wall, side])
+            if len(ends) == 2:
+                yield wall, ends[0], ends[1]
 
     @classmethod
     def empty(cls) -> Wireframe:

@@ -7,6 +7,7 @@ the lines x = const and the vertical vanishing point lies at infinity.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -175,20 +176,49 @@ def _through_vanishing_point(x: float, anchor: Array | None, other: tuple[Array,
     return float(anchor[1]) * _on_line(x, other) / at_anchor if at_anchor != 0.0 else math.nan
 
 
-def layout_mask(wireframe: Wireframe, camera: Camera) -> NDArray[np.uint8]:
-    """(H, W) uint8 mask of the visible wall panels (1 = wall), the region M of the paper's IoU (Sec. III-A)."""
+def layout_mask(wireframe: Wireframe, camera: Camera, walls: Iterable[int] | None = None) -> NDArray[np.uint8]:
+    """(H, W) uint8 mask of the visible wall panels (1 = wall), the region M of the paper's IoU (Sec. III-A).
+
+    Args:
+        wireframe: in pixels of the image.
+        camera: for the size of the image.
+        walls: which panels; None: all.
+    """
     mask = np.zeros((camera.height, camera.width), np.uint8)
-    nothing = np.full((len(wireframe.walls), 2, 2), np.nan)
-    ceiling_cut = nothing if wireframe.ceiling_cut is None else wireframe.ceiling_cut
-    floor_cut = nothing if wireframe.floor_cut is None else wireframe.floor_cut
-    for m, (i, j) in enumerate(wireframe.walls):
-        top = [wireframe.ceiling[i], *ceiling_cut[m], wireframe.ceiling[j]]
-        bottom = [wireframe.floor[j], *floor_cut[m][::-1], wireframe.floor[i]]
-        polygon = np.array([p for p in top + bottom if np.isfinite(p).all()])
-        limit = 4.0 * max(camera.width, camera.height)
-        fixed = np.round(np.clip(polygon, -limit, limit) * 16).astype(np.int32)
+    limit = 4.0 * max(camera.width, camera.height)
+    for wall in range(len(wireframe.walls)) if walls is None else walls:
+        fixed = np.round(np.clip(wall_outline(wireframe, wall, camera), -limit, limit) * 16).astype(np.int32)
         cv2.fillPoly(mask, [fixed.reshape(-1, 1, 2)], 1, shift=4)
     return mask
+
+
+def wall_outline(wireframe: Wireframe, wall: int, camera: Camera) -> Array:
+    """(V, 2) px: outline of what the image shows of a panel, along its ceiling line and back along its floor line."""
+    sides = []
+    for row, (pixels, flags, cuts) in enumerate(
+        (
+            (wireframe.ceiling, wireframe.ceiling_true, wireframe.ceiling_cut),
+            (wireframe.floor, wireframe.floor_true, wireframe.floor_cut),
+        )
+    ):
+        ends = wireframe.walls[wall]
+        middle = [] if cuts is None else [p for p in cuts[wall] if np.isfinite(p).all()]
+        line = [pixels[ends[0]], *middle, pixels[ends[1]]]
+        edge = (-0.5, camera.height - 0.5)[row]
+        outline = [line[0], *line[1:-1], line[-1]]
+        # Where the line is beyond the image, the panel reaches into the image's own corner.
+        if not flags[ends[1]] and _from_side_to(edge, line[-1], line[-2], camera.width - 0.5):
+            outline.insert(-1, np.array([camera.width - 0.5, edge]))
+        if not flags[ends[0]] and _from_side_to(edge, line[0], line[1], -0.5):
+            outline.insert(1, np.array([-0.5, edge]))
+        sides.append(outline)
+    return np.array(sides[0] + sides[1][::-1])
+
+
+def _from_side_to(edge: float, end: Array, following: Array, side: float) -> bool:
+    """Whether a point is on a side border (u = ``side``), short of its corner, and the next one is not on it."""
+    near = 1e-6
+    return abs(end[0] - side) < near and abs(end[1] - edge) > near and abs(following[0] - side) > near
 
 
 def mask_iou(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:

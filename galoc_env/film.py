@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from galoc import Floorplan, GalocError
 from galoc.overlay import CEILING_RGB, FLOOR_RGB, draw_wireframe
-from galoc.types import Wireframe
 from galoc_env import topdown
 from galoc_env.topdown import ESTIMATE, FAINT, INK, PAPER, TRUTH, Colour, write
 from galoc_env.world import Snapshot
@@ -98,21 +97,11 @@ def _view(snapshot: Snapshot) -> Image:
     else:
         mode = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_CUBIC
         frame = np.asarray(cv2.resize(snapshot.image, (width, height), interpolation=mode), dtype=np.uint8)
-    frame = draw_wireframe(frame, _scaled(snapshot.wireframe, width / camera.width, height / camera.height))
+    frame = draw_wireframe(frame, snapshot.wireframe.resized(width / camera.width, height / camera.height))
     left, top = (_VIEW_W - width) // 2, (_VIEW_H - height) // 2
     out[top : top + height, left : left + width] = frame
     _caption(out, f"camera view, {snapshot.wireframe_source}")
     return out
-
-
-def _scaled(wireframe: Wireframe, sx: float, sy: float) -> Wireframe:
-    """The wireframe in a resized image (pixel centres at integers)."""
-    from dataclasses import replace
-
-    def scaled(pixels: Array) -> Array:
-        return (pixels + 0.5) * [sx, sy] - 0.5
-
-    return replace(wireframe, ceiling=scaled(wireframe.ceiling), floor=scaled(wireframe.floor))
 
 
 def _caption(image: Image, text: str) -> None:

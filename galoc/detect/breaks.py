@@ -13,10 +13,10 @@ from galoc.detect.strip import COLUMN_GROUP, STEP_RAD
 
 Array = NDArray[np.float64]
 
-BREAK_COST = 3.0
+BREAK_COST = 1.0
 """Cost of one more wall where the edges say even odds, nats: the two unknowns of its plane."""
-LOGIT_RANGE = (-2.5, 5.0)
-"""The edges make a break cheaper or dearer by at most this, nats: they decide nothing alone."""
+MOST_COST, LEAST_COST = 6.0, 0.05
+"""A break costs at most and at least this, nats: however sure the edges are, the lines must ask for a wall too."""
 PEAK_LEAST = 0.15
 """An edge less probable than this gives no azimuth."""
 PEAK_SD = math.radians(0.2)
@@ -45,7 +45,7 @@ def break_costs(columns: Columns) -> Array:
     pairs = np.maximum(any_edge[0::COLUMN_GROUP], any_edge[1::COLUMN_GROUP])
     near = np.concatenate([pairs[:1], np.maximum(pairs[:-1], pairs[1:])])
     p = np.clip(near, 1e-4, 1.0 - 1e-4)
-    return BREAK_COST + np.clip(np.log((1.0 - p) / p), *LOGIT_RANGE)
+    return np.clip(BREAK_COST + np.log((1.0 - p) / p), LEAST_COST, MOST_COST)
 
 
 def break_at(columns: Columns, column: int) -> Break:

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from galoc.camera import Camera, levelling
 from galoc.detect.columns import Columns
-from galoc.rays import KNOWN_SD, ray_count
-from galoc.types import Rays
+from galoc.rays import KNOWN_SD, cast_rays
+from galoc.types import Layout, Rays
 
 Array = NDArray[np.float64]
 
@@ -25,27 +25,22 @@ FREE_CHI2 = 3.0
 """Ceiling and floor may disagree by so many variances before the column is trusted less."""
 
 
-def column_rays(
-    columns: Columns,
-    camera: Camera,
-    heights: ArrayLike,
-    k_sd: float,
-    *,
-    measured: ArrayLike = (0.0, 0.0),
-    refined: ArrayLike = (0.0, 0.0),
-) -> Rays:
+def column_rays(columns: Columns, layout: Layout, camera: Camera, gravity: ArrayLike) -> Rays:
     """Rays at 1 degree, as :func:`galoc.rays.cast_rays` gives them.
 
     Args:
         columns: what the network said.
-        camera: intrinsics, for the number of rays.
-        heights: (2,) ceiling above and floor below the camera, m (or any scale).
-        k_sd: standard deviation of the log of their ratio.
-        measured: (roll, pitch) that the columns were levelled by, rad.
-        refined: the same after the layout refined it; the columns are levelled again.
+        layout: solved from the walls that were drawn from them ("ml"): gives heights, their ratio's uncertainty, the
+            refined gravity, and how near walls must be whose lines are out of sight.
+        camera: intrinsics.
+        gravity: (roll, pitch) that the columns were levelled by, rad.
     """
-    turn = levelling(refined) @ levelling(measured).T
-    log_h = np.log(np.asarray(heights, np.float64))[:, None]
+    cast = cast_rays(layout, camera)
+    if layout.gravity is None:
+        return cast
+    k_sd = layout.log_ratio[1]
+    turn = levelling(layout.gravity) @ levelling(gravity).T
+    log_h = np.log(layout.heights)[:, None]
     azimuth, elevation = _turned(columns, turn)
     steep = np.maximum(np.array([[1.0], [-1.0]]) * elevation, LEAST_ELEVATION)
     log_range = log_h - np.log(np.tan(np.minimum(steep, math.radians(89.0))))
@@ -59,7 +54,7 @@ def column_rays(
     doubt = np.where(usable.all(axis=0), np.maximum(1.0, apart / FREE_CHI2), 1.0)
     spread = doubt / np.maximum(total, 1e-12) + np.square(0.5 * (share[1] - share[0]) * k_sd)
     at = (share * azimuth).sum(axis=0)
-    return _at_rays(at, fused, np.where(total > 0.0, spread, np.inf), camera)
+    return _at_rays(at, fused, np.where(total > 0.0, spread, np.inf), cast)
 
 
 def _turned(columns: Columns, turn: Array) -> tuple[Array, Array]:
@@ -72,10 +67,9 @@ def _turned(columns: Columns, turn: Array) -> tuple[Array, Array]:
     return np.arctan2(x, z), np.arctan2(-y, np.hypot(x, z))
 
 
-def _at_rays(azimuth: Array, log_range: Array, variance: Array, camera: Camera) -> Rays:
+def _at_rays(azimuth: Array, log_range: Array, variance: Array, cast: Rays) -> Rays:
     """Columns to rays: the mean of the columns on both sides; where these disagree, a step is near."""
-    n = ray_count(camera.hfov_deg)
-    wanted = -np.radians(np.arange(n) - (n - 1) / 2.0)
+    wanted = -cast.bearings_rad
     right = np.clip(np.searchsorted(azimuth, wanted), 1, len(azimuth) - 1)
     left = right - 1
     t = np.clip((wanted - azimuth[left]) / np.maximum(azimuth[right] - azimuth[left], 1e-9), 0.0, 1.0)
@@ -85,4 +79,5 @@ def _at_rays(azimuth: Array, log_range: Array, variance: Array, camera: Camera) 
         spread = (1.0 - t) * variance[left] + t * variance[right] + between
     spread = np.where(np.isfinite(spread), spread, np.inf)
     known = spread < KNOWN_SD**2
-    return Rays(np.where(known, np.exp(mean), np.nan), known, np.where(known, spread, np.nan))
+    limit = None if cast.limit is None else np.where(known, np.nan, cast.limit)
+    return Rays(np.where(known, np.exp(mean), np.nan), known, np.where(known, spread, np.nan), limit)

@@ -32,6 +32,9 @@ class LocalizerConfig:
     ceiling_from_plan: bool = False
     """Take the ceiling's height from the plan, to ``heights_sd``, and leave the camera's unknown (geometry "ml"). For
     plans that state the real height: it fixes the scale of every view."""
+    columns: bool = True
+    """Take the rays straight from what a network said column by column, where the detector is one (geometry "ml");
+    False: from the walls drawn from that."""
     imu_sigma_deg: float = 1.0
     """Standard deviation of measured roll and pitch, degrees (geometry "ml")."""
     odometry_noise: float = 0.02
@@ -67,7 +70,7 @@ class LocalizerConfig:
         for name in ("diffusion_m", "diffusion_rad"):
             if getattr(self, name) is not None:
                 number(name, getattr(self, name), 0.0, sys.float_info.max, cure="Leave it out, or fix it.")
-        for name in ("exact", "ceiling_from_plan"):
+        for name in ("exact", "ceiling_from_plan", "columns"):
             if not isinstance(getattr(self, name), bool):
                 raise GalocError(f"{name} = {getattr(self, name)!r}", "True or False", "Fix the LocalizerConfig.")
         if self.candidates is not None:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from galoc.belief import Belief, checked_odometry
 from galoc.camera import Camera, levelling
 from galoc.cells import cosine_cells, likely_cells
+from galoc.column_rays import column_rays
 from galoc.config import LocalizerConfig as LocalizerConfig
 from galoc.detect import Detector, checked_detector, detect, make_detector
 from galoc.detect.pictures import checked_picture
@@ -148,7 +149,9 @@ class Localizer:
             heights=known,
             on_grid=self._on_grid,
         )
-        return layout, cast_rays(layout, self.camera)
+        if wireframe.columns is None or not self.config.columns or self.geometry == "paper":
+            return layout, cast_rays(layout, self.camera)
+        return layout, column_rays(wireframe.columns, layout, self.camera, gravity)
 
     def scores(
         self, image: ArrayLike | Wireframe, gravity: ArrayLike, heights: Heights | None = None

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from galoc.errors import GalocError
 
 if TYPE_CHECKING:
+    from galoc.detect.columns import Columns
     from galoc.gauge import Gauge
 
 Array = NDArray[np.float64]
@@ -74,6 +75,8 @@ class Wireframe:
     and right [m, 1] pair; NaN where it is not. None: not measured."""
     floor_cut: Array | None = None
     """(M, 2, 2) float64, px: the same for the floor line."""
+    columns: Columns | None = None
+    """What a network said column by column, where the walls were drawn from that."""
 
     def __post_init__(self) -> None:
         """Coerce to the documented dtypes and check that the parts agree."""

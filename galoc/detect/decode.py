@@ -82,7 +82,7 @@ def decode(
     if len(wireframe) == 0:
         return wireframe
     sigma = _sigma_px(wireframe, owner, ends, lines, camera, gravity)
-    return replace(wireframe, sigma_px=np.minimum(sigma, config.most_sigma * camera.width))
+    return replace(wireframe, sigma_px=np.minimum(sigma, config.most_sigma * camera.width), columns=columns)
 
 
 def _walls(

@@ -163,3 +163,27 @@ def test_error_says_what_it_got_what_it_expected_and_the_cure_and_pickles() -> N
     assert isinstance(error, ValueError)
     again = pickle.loads(pickle.dumps(error))
     assert (again.got, again.expected, again.cure) == (error.got, error.expected, error.cure)
+
+
+def test_resizing_moves_every_pixel_and_back_again() -> None:
+    cut = np.array([[[np.nan, np.nan], [40.0, -0.5]]])
+    wireframe = Wireframe(
+        [[10, 5], [60, -0.5]], [[10, 50], [60, 47]], [True, False], [True, True], [[0, 1]],
+        sigma_px=np.ones((2, 2)), ceiling_cut=cut, floor_cut=np.full((1, 2, 2), np.nan),
+    )  # fmt: skip
+    larger = wireframe.resized(2.0, 3.0)
+    assert larger.ceiling[0].tolist() == [20.5, 16.0] and larger.ceiling_cut[0, 1, 1] == -0.5 * 1.0 - 0.0
+    back = larger.resized(0.5, 1.0 / 3.0)
+    for name in ("ceiling", "floor", "sigma_px", "ceiling_cut"):
+        assert np.allclose(getattr(back, name), getattr(wireframe, name), equal_nan=True)
+
+
+def test_shown_lines_end_where_the_border_cuts_them() -> None:
+    cut = np.array([[[np.nan, np.nan], [40.0, -0.5]]])
+    wireframe = Wireframe(
+        [[10, 5], [60, -0.5]], [[10, 50], [60, 47]], [True, False], [True, True], [[0, 1]], ceiling_cut=cut,
+        floor_cut=np.full((1, 2, 2), np.nan),
+    )  # fmt: skip
+    ((wall, a, b),) = wireframe.shown_lines(0)
+    assert wall == 0 and a.tolist() == [10, 5] and b.tolist() == [40.0, -0.5]
+    assert len(list(wireframe.shown_lines(1))) == 1

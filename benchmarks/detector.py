@@ -187,6 +187,8 @@ def main(
     """
     if table not in TABLES:
         raise GalocError(f"--table {table}", f"one of {', '.join(TABLES)}", "Fix --table.")
+    if homes < 1 or frames < 1:
+        raise GalocError(f"--homes {homes} --frames {frames}", "1 or more", "Raise them.")
     methods = chosen("--methods", methods, METHODS)
     wanted = chosen("--conditions", conditions or tuple(TABLES[table]), tuple(TABLES[table]))
     tasks = [

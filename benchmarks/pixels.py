@@ -166,6 +166,8 @@ def main(
     if mode not in MODES:
         raise GalocError(f"--mode {mode}", " or ".join(MODES), "Fix --mode.")
     methods = chosen("--methods", methods, METHODS)
+    if plans < 1 or frames < 0:
+        raise GalocError(f"--plans {plans} --frames {frames}", "1 or more", "Raise them.")
     count = frames or (6 if mode == "single" else 100)
     sources: list[int | str] = list(range(plans))
     if real is not None:

@@ -26,6 +26,9 @@ TINY = {
     "render": ["--sizes", "32x24", "--poses", "4", "--rounds", "2", "--slice-s", "0.001"],
     "env": ["--renderer", "none", "--sizes", "32x24", "--vector-size", "32x24", "--lanes", "1", "2", "--rounds", "1",
             "--slice-s", "0.001", "--localizers", "none", "--kinds", "single", "sync", "batch", "miniworld"],
+    "detector": ["--homes", "1", "--frames", "2", "--jobs", "1"],
+    "pixels": ["--plans", "1", "--frames", "2", "--jobs", "1"],
+    "ladder": ["--homes", "1", "--frames", "1", "--jobs", "1"],
     "filter": ["--plans", "apartment", "--walks", "1", "--steps", "3", "--particles", "300"],
 }  # fmt: skip
 ROWS = {"single_image": "frames", "sequences": "walks"}
@@ -135,6 +138,22 @@ def test_tiny_run_of_the_environment_benchmark(repo: Path, tmp_path: Path) -> No
     assert {("our batch", "gymnasium sync", 1), ("our batch", "gymnasium sync", 2)} <= pairs
 
 
+@pytest.mark.parametrize("script", ["detector", "pixels", "ladder"])
+def test_tiny_run_of_the_benchmarks_of_the_front_end(script: str, repo: Path, tmp_path: Path) -> None:
+    done = run(repo, script, tmp_path / "tiny")
+    assert done.returncode == 0, done.stderr
+    text = (tmp_path / "tiny.json").read_text()
+    assert "Infinity" not in text and "NaN" not in text
+    assert (tmp_path / "tiny.png").read_bytes().startswith(b"\x89PNG")
+    result = json.loads(text)
+    if script == "detector":
+        rows = {row["method"]: row for row in result["summary"]}
+        assert set(rows) == {"onnx", "onnx+k", "lines", "oracle3", "oracle5", "oracle7"}
+        assert rows["oracle3"]["iou"] > 0.9 and rows["oracle3"]["precision"] > 0.9
+    names = result["summary"] if script != "detector" else [row["method"] for row in result["summary"]]
+    assert all(name.split("|")[0] in done.stdout for name in names)
+
+
 @pytest.mark.parametrize("script", list(ROWS))
 def test_tiny_run_and_its_resumption(script: str, repo: Path, tmp_path: Path) -> None:
     out = tmp_path / "results" / "tiny.v1"  # a dot in the name is no suffix
@@ -179,6 +198,11 @@ def _check(script: str, result: dict[str, Any]) -> None:
         ("sequences", ["--steps", "3"]),
         ("sequences", ["--conditions", "windy"]),
         ("filter", ["--walks", "0"]),
+        ("detector", ["--table", "magic"]),
+        ("detector", ["--homes", "0"]),
+        ("pixels", ["--mode", "magic"]),
+        ("pixels", ["--plans", "0"]),
+        ("ladder", ["--homes", "0"]),
         ("matching", ["--frames", "0"]),
         ("startup", ["--runs", "0"]),
         ("render", ["--poses", "0"]),

@@ -20,6 +20,8 @@ from training.views import WIDTHS
 
 BLIND_SHARE = 0.04
 """A frame whose visible boundaries cover less of its columns is blind."""
+FAR_DEG = 12.0
+"""An error beyond this is another line, which `sure` is about, not `sigma`."""
 EDGE_NEAR_DEG = 1.5
 """A found edge is right within this."""
 PEAK = 0.35
@@ -72,7 +74,8 @@ class Residuals:
     sigma_deg: np.ndarray
     sure: np.ndarray
     seen: np.ndarray
-    is_floor: np.ndarray
+    in_frame: np.ndarray
+    """As the network says."""
 
     @classmethod
     def of(cls, read_by_width: dict[int, dict[str, np.ndarray]], frames: dict[int, Frames]) -> Residuals:
@@ -82,8 +85,8 @@ class Residuals:
             truth = elevation_of(frames[width].row.astype(np.float64))
             ok = np.isfinite(truth)
             error = np.degrees(out["elevation"] - truth)
-            floor = np.broadcast_to(np.arange(2)[None, :, None], error.shape)
-            parts.append([a[ok] for a in (error, np.degrees(out["sigma"]), out["sure"], frames[width].seen, floor)])
+            sigma = np.degrees(out["sigma"])
+            parts.append([a[ok] for a in (error, sigma, out["sure"], frames[width].seen, out["in_frame"])])
         return cls(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
@@ -101,16 +104,16 @@ def boundary_metrics(r: Residuals) -> dict[str, Any]:
 
 
 def fitted_calibration(r: Residuals) -> np.ndarray:
-    """Measured spread at each knot of the raw one: 95 % of errors are within twice of it."""
+    """(2, K) measured spread at each knot of the raw one, inside and outside: 95 % of errors are within twice of it."""
     size = np.abs(r.error_deg)
-    use = (r.seen > 0) & (r.sure > 0.8) & (size < 12.0)
     edges = np.sqrt(np.array(KNOTS_DEG)[1:] * np.array(KNOTS_DEG)[:-1])
-    which = np.digitize(r.sigma_deg[use], edges)
-    values = [
-        np.quantile(size[use][which == k], 0.95) / 2.0 if np.count_nonzero(which == k) > 50 else KNOTS_DEG[k]
-        for k in range(len(KNOTS_DEG))
-    ]
-    return np.maximum.accumulate(np.array(values))
+    which = np.digitize(r.sigma_deg, edges)
+    curves = []
+    for use in ((r.in_frame > 0.5) & (r.sure > 0.8) & (size < FAR_DEG), (r.in_frame <= 0.5) & (r.sure > 0.3)):
+        held = [size[use & (which == k)] for k in range(len(KNOTS_DEG))]
+        values = [np.quantile(h, 0.95) / 2.0 if len(h) > 50 else 0.0 for h in held]
+        curves.append(np.maximum.accumulate(np.maximum(values, 0.1)))
+    return np.array(curves)
 
 
 def edge_metrics(edge: dict[int, np.ndarray], frames: dict[int, Frames]) -> dict[str, float]:

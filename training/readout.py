@@ -20,26 +20,27 @@ class Readout(nn.Module):
 
     Args:
         net: the network.
-        calibration: (len(KNOTS_DEG),) measured spread of the error, degrees, where the distribution's own is that of
-            each knot; None: the distribution is believed.
+        calibration: (2, len(KNOTS_DEG)) measured spread of the error, degrees, where the distribution's own is that of
+            each knot, for lines inside and outside the image; None: the distribution is believed.
+        mirror: look at the mirrored strip, too, and take the mean: twice the work, and what the network says of a
+            wall no longer depends on which side of a room it is.
     """
 
-    def __init__(self, net: LayoutNet, calibration: np.ndarray | None = None) -> None:
+    def __init__(self, net: LayoutNet, calibration: np.ndarray | None = None, *, mirror: bool = True) -> None:
         super().__init__()
-        self.net = net
+        self.net, self.mirror = net, mirror
         self.register_buffer("row_elevation", torch.tensor(elevation_of(np.arange(ROWS)), dtype=torch.float32))
         knots = np.radians(np.array(KNOTS_DEG))
-        values = knots if calibration is None else np.radians(np.asarray(calibration, np.float64))
-        # A piecewise linear curve as a sum of ramps, which every runtime has.
+        values = np.stack([knots, knots]) if calibration is None else np.radians(np.asarray(calibration, np.float64))
+        # Piecewise linear curves as sums of ramps, which every runtime has.
         slope = np.diff(values) / np.diff(knots)
         self.register_buffer("ramp", torch.tensor(np.diff(slope, prepend=0.0), dtype=torch.float32))
         self.register_buffer("knot", torch.tensor(knots[:-1], dtype=torch.float32))
-        self.register_buffer("least", torch.tensor(values[0], dtype=torch.float32))
+        self.register_buffer("least", torch.tensor(values[:, 0], dtype=torch.float32))
 
     def forward(self, strip: Tensor) -> tuple[Tensor, ...]:
         """(B, 4, ROWS, W) strips to (B, 2, C) five times and (B, 2, W)."""
-        boundary, visible, edge, _ = self.net(strip)
-        p = torch.softmax(boundary, dim=2)
+        p, visible, edge = self._looked(strip)
         row = torch.arange(ROWS, device=p.device, dtype=torch.float32).reshape(1, 1, ROWS, 1)
         mode = p.argmax(dim=2, keepdim=True).float()
         near = p * ((row - mode).abs() <= WINDOW).float()
@@ -54,11 +55,22 @@ class Readout(nn.Module):
         batch, _, columns = mask.shape
         inside = mask.reshape(batch, ROWS, columns // COLUMN_GROUP, COLUMN_GROUP).mean(3).unsqueeze(1)
         in_frame = (p * inside).sum(2)
-        return elevation, self._calibrated(spread), sure, torch.sigmoid(visible), in_frame, torch.sigmoid(edge)
+        return elevation, self._calibrated(spread, in_frame), sure, visible, in_frame, edge
 
-    def _calibrated(self, spread: Tensor) -> Tensor:
-        ramps = (spread.unsqueeze(-1) - self.knot).clamp(min=0.0) * self.ramp
-        return (self.least + ramps.sum(-1)).clamp(min=2e-4)
+    def _looked(self, strip: Tensor) -> tuple[Tensor, ...]:
+        """Probabilities: boundary (B, 2, ROWS, C), visible (B, 2, C), edge (B, 2, W)."""
+        if not self.mirror:
+            boundary, visible, edge, _ = self.net(strip)
+            return torch.softmax(boundary, dim=2), torch.sigmoid(visible), torch.sigmoid(edge)
+        boundary, visible, edge, _ = self.net(torch.cat([strip, strip.flip(3)], 0))
+        parts = torch.softmax(boundary, dim=2), torch.sigmoid(visible), torch.sigmoid(edge)
+        count = strip.shape[0]
+        return tuple(0.5 * (part[:count] + part[count:].flip(part.dim() - 1)) for part in parts)
+
+    def _calibrated(self, spread: Tensor, in_frame: Tensor) -> Tensor:
+        above = (spread.unsqueeze(-1) - self.knot).clamp(min=0.0)
+        inside, outside = (self.least[i] + (above * self.ramp[i]).sum(-1) for i in (0, 1))
+        return (in_frame * inside + (1.0 - in_frame) * outside).clamp(min=2e-4)
 
 
 NAMES = ("elevation", "sigma", "sure", "visible", "in_frame", "edge")

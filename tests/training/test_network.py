@@ -72,7 +72,9 @@ class _Said(torch.nn.Module):
 
     def forward(self, strip):
         c = self.logits.shape[3]
-        return self.logits, torch.zeros(1, 2, c), torch.zeros(1, 2, 2 * c), torch.zeros(1, 9, ROWS // 2, c)
+        b = len(strip)
+        zeros = torch.zeros(b, 2, c), torch.zeros(b, 2, 2 * c), torch.zeros(b, 9, ROWS // 2, c)
+        return self.logits.expand(b, 2, ROWS, c), *zeros
 
 
 def test_readout_reads_a_distribution():
@@ -90,7 +92,7 @@ def test_readout_reads_a_distribution():
 def test_calibration_is_interpolated():
     p = np.full(ROWS, 1e-9)
     p[60] = 1.0
-    values = np.array(KNOTS_DEG) * 3.0
+    values = np.array([KNOTS_DEG, KNOTS_DEG]) * 3.0
     raw, scaled = (Readout(_Said(p), c)(torch.ones(1, 4, ROWS, 64))[1] for c in (None, values))
     # A spread below the first knot is that knot's.
     assert float(raw[0, 0, 0]) == pytest.approx(math.radians(KNOTS_DEG[0]), rel=1e-3)
@@ -102,9 +104,19 @@ def test_fitted_calibration_finds_the_true_spread():
     stated = np.exp(rng.uniform(math.log(0.15), math.log(6.0), 60_000))
     error = 1.5 * stated * rng.standard_normal(len(stated))
     ones = np.ones(len(stated))
-    fitted = fitted_calibration(Residuals(error, stated, ones, 2 * ones, 0 * ones))
+    fitted = fitted_calibration(Residuals(error, stated, ones, 2 * ones, ones))[0]
     inner = slice(1, 7)  # errors of 12 degrees and more are no spread
     assert np.allclose(fitted[inner] / np.array(KNOTS_DEG)[inner], 1.5, rtol=0.12)
+
+
+def test_mirrored_pictures_are_read_alike():
+    torch.manual_seed(1)
+    readout = Readout(LayoutNet(TINY).eval())
+    strip = torch.rand(1, 4, ROWS, 128)
+    with torch.no_grad():
+        one, other = readout(strip), readout(strip.flip(3))
+    for a, b in zip(one, other, strict=True):
+        assert torch.allclose(a, b.flip(2), atol=1e-5)
 
 
 def test_auc():
@@ -118,7 +130,7 @@ def test_exported_model_says_what_the_network_says(tmp_path):
     import warnings
 
     torch.manual_seed(0)
-    readout = Readout(LayoutNet(TINY).eval(), np.array(KNOTS_DEG)).eval()
+    readout = Readout(LayoutNet(TINY).eval(), np.array([KNOTS_DEG, KNOTS_DEG])).eval()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the exporter's own making
         export(readout, tmp_path / "tiny.onnx", {"why": "test"})

@@ -15,8 +15,8 @@ MOST_PATCHES = 4
 
 def augmented(frames: Frames, rng: np.random.Generator) -> Frames:
     """A batch with flips, other colours, patches and noise; labels follow the flips."""
-    rgb, mask = frames.rgb.copy(), frames.mask.copy()
-    row, seen, edges, semantic = (a.copy() for a in (frames.row, frames.seen, frames.edges, frames.semantic))
+    rgb, mask, row, seen = frames.rgb.copy(), frames.mask.copy(), frames.row.copy(), frames.seen.copy()
+    edges, semantic = frames.edges.copy(), frames.semantic.copy()
     columns = rgb.shape[2]
     flip = np.flatnonzero(rng.random(len(frames)) < FLIP)
     if len(flip):

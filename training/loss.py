@@ -91,4 +91,4 @@ def losses(output: tuple[Tensor, ...], wanted: Targets) -> dict[str, Tensor]:
 
 def total(parts: dict[str, Tensor]) -> Tensor:
     """The loss."""
-    return sum((weight * parts[name] for name, weight in WEIGHTS.items()), torch.zeros(()))
+    return torch.stack([weight * parts[name] for name, weight in WEIGHTS.items()]).sum()

@@ -9,6 +9,7 @@ image, is a broad distribution instead of a wrong number.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -36,9 +37,10 @@ class Shape:
     line: int = 96
     """Of the line of features."""
 
-
-class Output(tuple):  # noqa: SLOT001  # torch.compile and export want a plain tuple
-    """What the network returns; see :class:`LayoutNet`."""
+    @classmethod
+    def of(cls, values: dict[str, Any]) -> Shape:
+        """From what a checkpoint holds."""
+        return cls(tuple(values["stages"]), tuple(values["blocks"]), tuple(values["lateral"]), int(values["line"]))
 
 
 def _conv(inside: int, outside: int, size: int = 3, stride: int = 1) -> nn.Sequential:
@@ -152,11 +154,6 @@ class LayoutNet(nn.Module):
 
 
 def _interpolation() -> np.ndarray:
-    """(ROWS, COARSE) linear interpolation from coarse rows to rows."""
-    at = (np.arange(ROWS) + 0.5) * COARSE / ROWS - 0.5
-    return (
-        np.clip(1.0 - np.abs(at[:, None] - np.arange(COARSE)[None]), 0.0, None)
-        + ((at[:, None] < 0) & (np.arange(COARSE)[None] == 0)) * np.clip(-at[:, None], 0, 1)
-        + ((at[:, None] > COARSE - 1) & (np.arange(COARSE)[None] == COARSE - 1))
-        * np.clip(at[:, None] - (COARSE - 1), 0, 1)
-    )
+    """(ROWS, COARSE) linear interpolation from coarse rows to rows, constant beyond the outermost."""
+    at = np.clip((np.arange(ROWS) + 0.5) * COARSE / ROWS - 0.5, 0.0, COARSE - 1.0)
+    return np.clip(1.0 - np.abs(at[:, None] - np.arange(COARSE)), 0.0, None)

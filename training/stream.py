@@ -98,15 +98,17 @@ def photograph(scene: Scene, rng: np.random.Generator, cameras: int, views: int)
             strip = upright_strip(rgb, camera, view.measured, columns)
             edges = np.full((MOST_EDGES, 3), np.nan, np.float16)
             edges[: len(labels.edges)] = labels.edges
-            parts = (
-                strip.rgb,
-                np.packbits(strip.mask, axis=1),
-                labels.row.astype(np.float16),
-                labels.in_frame.astype(np.uint8) + labels.visible,
-                edges,
-                labels.semantic,
+            yield (
+                columns,
+                Frames(
+                    strip.rgb[None],
+                    np.packbits(strip.mask, axis=1)[None],
+                    labels.row.astype(np.float16)[None],
+                    (labels.in_frame.astype(np.uint8) + labels.visible)[None],
+                    edges[None],
+                    labels.semantic[None],
+                ),
             )
-            yield columns, Frames(*(part[None] for part in parts))
         renderer.close()
 
 

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import nn
 
 from training.augment import augmented
-from training.loss import WEIGHTS, inputs, losses, targets, total
+from training.loss import inputs, losses, targets, total
 from training.network import LayoutNet, Shape
 from training.stream import Shuffler
 
@@ -65,7 +65,7 @@ class Trainer:
         state: dict[str, Any] = {}
         if (folder / CHECKPOINT).exists():
             state = torch.load(folder / CHECKPOINT, map_location="cpu", weights_only=True)
-            shape = Shape(**{k: tuple(v) if isinstance(v, list | tuple) else v for k, v in state["shape"].items()})
+            shape = Shape.of(state["shape"])
         self.shape = shape or Shape()
         torch.manual_seed(plan.seed)
         self.net = LayoutNet(self.shape).to(plan.device, memory_format=torch.channels_last)
@@ -116,7 +116,7 @@ class Trainer:
         with torch.autocast(device, torch.bfloat16):
             output = self.net(strip)
         parts = losses(output, wanted)
-        loss = sum((w * parts[name] for name, w in WEIGHTS.items()), torch.zeros((), device=device))
+        loss = total(parts)
         self._optimizer.zero_grad(set_to_none=True)
         loss.backward()
         nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
@@ -176,10 +176,7 @@ class Trainer:
 def load_average(path: Path) -> tuple[LayoutNet, dict[str, Any]]:
     """The averaged network of a checkpoint, and what is known of its training."""
     state = torch.load(path, map_location="cpu", weights_only=True)
-    shape = Shape(**{k: tuple(v) if isinstance(v, list | tuple) else v for k, v in state["shape"].items()})
+    shape = Shape.of(state["shape"])
     net = LayoutNet(shape)
     net.load_state_dict(state["average"])
     return net.eval(), {k: state[k] for k in ("steps", "seconds", "frames", "shape")}
-
-
-__all__ = ["Plan", "Trainer", "load_average", "pick_device", "total", "Tensor"]

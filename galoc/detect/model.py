@@ -183,7 +183,7 @@ class Model:
 
 def _onnxruntime() -> Any:
     """The library, which takes a while to import."""
-    import onnxruntime  # type: ignore[import-untyped]
+    import onnxruntime
 
     return onnxruntime
 

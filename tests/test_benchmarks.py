@@ -29,6 +29,7 @@ TINY = {
     "detector": ["--homes", "1", "--frames", "2", "--jobs", "1"],
     "pixels": ["--plans", "1", "--frames", "2", "--jobs", "1"],
     "ladder": ["--homes", "1", "--frames", "1", "--jobs", "1"],
+    "gallery": ["--homes", "1", "--frames", "3", "--count", "2"],
     "filter": ["--plans", "apartment", "--walks", "1", "--steps", "3", "--particles", "300"],
 }  # fmt: skip
 ROWS = {"single_image": "frames", "sequences": "walks"}
@@ -152,6 +153,14 @@ def test_tiny_run_of_the_benchmarks_of_the_front_end(script: str, repo: Path, tm
         assert rows["oracle3"]["iou"] > 0.9 and rows["oracle3"]["precision"] > 0.9
     names = result["summary"] if script != "detector" else [row["method"] for row in result["summary"]]
     assert all(name.split("|")[0] in done.stdout for name in names)
+
+
+def test_tiny_run_of_the_gallery(repo: Path, tmp_path: Path) -> None:
+    done = run(repo, "gallery", tmp_path / "tiny")
+    assert done.returncode == 0, done.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["tiny.json", "tiny.png", "tiny_failures.png"]
+    iou = json.loads((tmp_path / "tiny.json").read_text())["iou"]
+    assert 1 <= len(iou) <= 3 and f"{min(iou):.2f}" in done.stdout
 
 
 @pytest.mark.parametrize("script", list(ROWS))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from training.stream import Frames
 
-FLIP, COLOUR, PATCH, GREY, NOISE = 0.5, 0.7, 0.3, 0.05, 0.3
+FLIP, COLOUR, PATCH, GREY, NOISE, BLUR = 0.5, 0.7, 0.3, 0.05, 0.3, 0.15
 """How often each change is made."""
+MOST_BLUR = 4.0
+"""Standard deviation of the strongest blur, columns: 2 degrees. What cannot be seen must be said to be unsure."""
 MOST_PATCHES = 4
 """Things nobody modelled that stand in front of the wall: patches of one colour."""
 
@@ -34,7 +37,7 @@ def augmented(frames: Frames, rng: np.random.Generator) -> Frames:
 
 
 def _recoloured(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Another tone curve per channel, by table; sometimes grey, sometimes noisy."""
+    """Another tone curve per channel, by table; sometimes grey, blurred or noisy."""
     if rng.random() < COLOUR:
         gain, gamma = np.exp(rng.normal(0.0, (0.12, 0.12, 0.12))), np.exp(rng.normal(0.0, 0.25))
         lift = rng.uniform(-0.06, 0.06)
@@ -45,6 +48,8 @@ def _recoloured(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.
             rgb = rgb[..., rng.permutation(3)]
     if rng.random() < GREY:
         rgb = np.repeat(rgb.mean(axis=2, keepdims=True).astype(np.uint8), 3, axis=2)
+    if rng.random() < BLUR:
+        rgb = np.asarray(cv2.GaussianBlur(rgb, (0, 0), float(rng.uniform(0.4, MOST_BLUR))), np.uint8)
     if rng.random() < NOISE:
         grain = rng.integers(-12, 13, rgb.shape[:2], dtype=np.int16)[..., None]
         rgb = np.clip(rgb.astype(np.int16) + (grain * rng.random()).astype(np.int16), 0, 255).astype(np.uint8)

@@ -12,12 +12,11 @@ from galoc.camera import Camera
 from galoc.detect._segment_kernel import cut_walls
 from galoc.detect._wall_fit_kernel import fit_walls
 from galoc.detect.breaks import break_costs
-from galoc.detect.columns import Columns
+from galoc.detect.columns import Columns, checked_columns
 from galoc.detect.ends import End, joint_factor, line_at
 from galoc.detect.evidence import evidence_of
 from galoc.detect.frame import settle_frame
 from galoc.detect.junctions import Joiner
-from galoc.errors import GalocError
 from galoc.heights import Heights
 from galoc.types import BORDER, Wireframe
 from galoc.wall_pixels import Face, azimuth_limits, wireframe_of
@@ -29,7 +28,7 @@ Array = NDArray[np.float64]
 class DecodeConfig:
     """What can be set of the decoder."""
 
-    least_seen: float = 4.0
+    least_seen: float = 2.0
     """Columns with a visible line below which a frame counts as blind (sum of sure times visible)."""
     temper: float = 4.0
     """Neighbouring columns that count as one when walls are cut."""
@@ -74,7 +73,7 @@ def decode(
         GalocError: columns whose parts do not fit together.
     """
     config = config or DecodeConfig()
-    _check(columns)
+    checked_columns(columns)
     if float((columns.sure * columns.visible).sum()) < config.least_seen:
         return Wireframe.empty()
     ends, lines = _walls(columns, camera, gravity, log_ratio or (Heights().k, Heights().k_sd), config)
@@ -106,15 +105,6 @@ def _walls(
         if support[w] >= config.least_support and math.atan(b.m) - math.atan(a.m) >= config.least_width_rad
     ]
     return [ends[w] for w in kept], lines[kept]
-
-
-def _check(columns: Columns) -> None:
-    count, edges = len(columns.azimuths), len(columns.edge_azimuths)
-    rows = (columns.elevation, columns.sigma, columns.sure, columns.visible, columns.in_frame)
-    fits = all(row.shape == (2, count) for row in rows) and columns.edge.shape == (2, edges) and edges == 2 * count
-    if count < 2 or not fits or not all(np.isfinite(row).all() for row in (*rows, columns.edge)):
-        got = f"{count} columns and {edges} edge columns, of shapes {[row.shape for row in rows]}"
-        raise GalocError(got, "finite (2, C) rows and (2, 2 C) edges, C at least 2", "Check the network's outputs.")
 
 
 def _face(left: End, right: End) -> Face:

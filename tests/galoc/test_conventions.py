@@ -10,6 +10,7 @@ import pytest
 
 from galoc import Camera, GalocError, Layout, Rays, Wireframe
 from galoc.camera import azimuth
+from galoc.detect.strip import ROWS, columns_for, elevation_of, row_of
 from galoc.rays import ray_count
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "conventions.md").read_text(encoding="utf-8")
@@ -151,11 +152,19 @@ def junction_below_the_image() -> list[str]:
 
 
 @example(12)
+def strip_of_a_wide_camera() -> list[str]:
+    assert ROWS == 128 and elevation_of(0) > 0 > elevation_of(ROWS - 1)
+    rows = np.linspace(0, ROWS - 1, 50)
+    assert row_of(elevation_of(rows)) == pytest.approx(rows, abs=1e-9)
+    return [f"strip of {columns_for(Camera.from_hfov(640, 480, 108))} columns"]
+
+
+@example(13)
 def not_knowing_is_a_value() -> list[str]:
     return [f"has {len(Wireframe.empty())} pairs", f"has {len(Layout.unknown('paper').walls)} walls"]
 
 
-@example(13)
+@example(14)
 def bad_input_is_explained() -> list[str]:
     with pytest.raises(GalocError) as caught:
         Camera.from_hfov(640, 480, hfov_deg=180)

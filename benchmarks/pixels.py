@@ -147,6 +147,7 @@ def main(
     frames: int = 0,
     methods: tuple[str, ...] = METHODS,
     real: Path | None = None,
+    plan: str | None = None,
     jobs: int = 2,
     seed: int = 0,
     out: Path = Path("runs/pixels"),
@@ -159,6 +160,7 @@ def main(
         frames: Per home: photographs, or steps of its walk; 0: 6, or 100.
         methods: Which to run.
         real: Folder of real plans.
+        plan: One plan (a shipped one's name, or a file) instead; --plans is how many times.
         jobs: Processes, one thread each.
         seed: Of poses, walks and noise.
         out: Path without suffix of the JSON and PNG.
@@ -170,13 +172,16 @@ def main(
         raise GalocError(f"--plans {plans} --frames {frames}", "1 or more", "Raise them.")
     count = frames or (6 if mode == "single" else 100)
     sources: list[int | str] = list(range(plans))
-    if real is not None:
+    if plan is not None:
+        sources = [plan] * plans
+    elif real is not None:
         sources = [str(real / name) for name in REAL if (real / name).exists()][:plans]
         if not sources:
             raise GalocError(f"--real {real}", "a folder with the plans of single_image.py", "Fix the path.")
     tasks = [(mode, source, number, count, methods, seed) for number, source in enumerate(sources)]
     settings = {
-        "mode": mode, "plans": plans, "frames": count, "methods": methods, "real": real is not None, "seed": seed,
+        "mode": mode, "plans": plans, "frames": count, "methods": methods, "real": real is not None,
+        "plan": plan, "seed": seed,
         "condition": asdict(replace(Condition(), tilt_deg=TILT_DEG)), "odometry": ODOMETRY, "imu_deg": IMU_DEG,
     }  # fmt: skip
     rows = resumable(measure, tasks, job=settings, out=out, jobs=jobs, unit="home")

@@ -12,6 +12,7 @@ import tyro
 
 from galoc.cli_cache import cache
 from galoc.cli_detect import detect
+from galoc.cli_locate import locate
 from galoc.errors import GalocError
 from galoc.floorplan import Floorplan
 
@@ -67,7 +68,7 @@ def facts_text(loaded: Floorplan) -> str:
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
-COMMANDS: dict[str, Callable[..., Any]] = {"plan": plan, "cache": cache, "detect": detect}
+COMMANDS: dict[str, Callable[..., Any]] = {"plan": plan, "cache": cache, "detect": detect, "locate": locate}
 """Subcommands by name; the function's signature is the command line, what it returns the exit code (None: 0)."""
 
 

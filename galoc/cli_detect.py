@@ -67,7 +67,7 @@ def detect(
         if file is not None:
             refuse_unwritable(file)
     picture, turned = read_picture(image)
-    print(_detected(image, picture, turned, (hfov, roll, pitch), _detector(detector, model), target, json))
+    print(_detected(image, picture, turned, (hfov, roll, pitch), chosen_detector(detector, model), target, json))
     return 0
 
 
@@ -81,15 +81,12 @@ def _detected(
     labels: Path | None,
 ) -> str:
     """Detect, write the files, and return the table."""
-    from galoc.camera import Camera
-
     height, width = picture.shape[:2]
     hfov, roll, pitch = angles_deg
-    camera = Camera.from_hfov(width, height, hfov)
-    gravity = math.radians(roll), math.radians(pitch)
+    camera, gravity = camera_and_gravity(picture, angles_deg)
     wireframe = found_by.detect(picture, camera, gravity)
     rows = {
-        "picture": f"{image.name}, {width} x {height} px" + (" after turning it by its EXIF entry" if turned else ""),
+        "picture": picture_words(image, picture, turned),
         "camera": f"hfov {hfov:g} deg, roll {roll:g} deg, pitch {pitch:g} deg",
         "detector": describe(found_by),
         **found_rows(wireframe, camera, gravity),
@@ -101,6 +98,23 @@ def _detected(
 
         rows["labels"] = str(save_labels({image.name: wireframe}, labels, (width, height)))
     return "\n".join(f"{key:<14}{value}" for key, value in rows.items())
+
+
+def camera_and_gravity(
+    picture: NDArray[np.uint8], angles_deg: tuple[float, float, float]
+) -> tuple[Camera, tuple[float, float]]:
+    """Camera of a picture and gravity (rad) from hfov, roll and pitch in degrees.
+
+    Raises:
+        GalocError: a field of view or a tilt that no camera has.
+    """
+    from galoc.camera import MAX_TILT, Camera
+
+    hfov, *tilt = angles_deg
+    if not all(abs(angle) <= math.degrees(MAX_TILT) for angle in tilt):  # false for NaN too
+        got = f"--roll {tilt[0]:g} --pitch {tilt[1]:g}"
+        raise GalocError(got, "gravity within 85 degrees of level", "Give degrees; leave them out for a level camera.")
+    return Camera.from_hfov(picture.shape[1], picture.shape[0], hfov), (math.radians(tilt[0]), math.radians(tilt[1]))
 
 
 def found_rows(wireframe: Wireframe, camera: Camera, gravity: tuple[float, float]) -> dict[str, str]:
@@ -123,10 +137,19 @@ def found_rows(wireframe: Wireframe, camera: Camera, gravity: tuple[float, float
         sigma = float(np.median(wireframe.sigma_px[seen]))
         rows["boundary sd"] = f"{sigma:.1f} px ({math.degrees(math.atan(sigma / camera.fx)):.2f} deg at the centre)"
     coverage = cast_rays(solve_layout(wireframe, camera, gravity), camera).coverage
-    rows["coverage"] = f"{100 * coverage:.0f} % of the field of view has a known distance"
-    if coverage == 0.0:
-        rows["coverage"] = "abstained: no wall's distance is known"
+    rows["coverage"] = coverage_words(coverage) if coverage > 0.0 else "abstained: no wall's distance is known"
     return rows
+
+
+def coverage_words(coverage: float) -> str:
+    """How much is seen, as a share of the field of view."""
+    return f"{100 * coverage:.0f} % of the field of view has a known distance"
+
+
+def picture_words(image: Path, picture: NDArray[np.uint8], turned: bool) -> str:
+    """Name and size of a picture."""
+    size = f"{picture.shape[1]} x {picture.shape[0]} px"
+    return f"{image.name}, {size}" + (" after turning it by its EXIF entry" if turned else "")
 
 
 def describe(detector: Any) -> str:
@@ -137,7 +160,12 @@ def describe(detector: Any) -> str:
     return f"{model.path.name} ({model.contract}, sha256 {model.sha256[:12]}...)"
 
 
-def _detector(name: str, model: str) -> Any:
+def chosen_detector(name: str, model: str) -> Any:
+    """The detector that ``--detector`` and ``--model`` ask for.
+
+    Raises:
+        GalocError: lines with a model, or a model that cannot be used.
+    """
     if name == "lines":
         if model != SHIPPED:
             raise GalocError(f"--detector lines with --model {model!r}", "one of the two", "Leave one of them out.")

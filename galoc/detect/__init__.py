@@ -129,8 +129,16 @@ def detect(
         camera: intrinsics of the image.
         gravity: measured (roll, pitch), rad.
         heights: what is known of the heights; None: nothing.
+
+    Raises:
+        GalocError: as the detector does, or what it returns is no wireframe.
     """
-    if not getattr(detector, "uses_heights", False):
-        return detector.detect(image, camera, gravity)
-    log_ratio = None if heights is None else (heights.k, heights.k_sd)
-    return cast(HeightsDetector, detector).detect(image, camera, gravity, log_ratio=log_ratio)
+    if getattr(detector, "uses_heights", False):
+        log_ratio = None if heights is None else (heights.k, heights.k_sd)
+        found = cast(HeightsDetector, detector).detect(image, camera, gravity, log_ratio=log_ratio)
+    else:
+        found = detector.detect(image, camera, gravity)
+    if not isinstance(found, Wireframe):
+        got = f"{type(found).__name__} from the detector {type(detector).__name__}"
+        raise GalocError(got, "a galoc.Wireframe", "Return Wireframe(...), or Wireframe.empty() where nothing is seen.")
+    return found

@@ -263,7 +263,7 @@ class GraphDetector:
         self._names = ["junctions", "junction_scores", self._edges, "edge_scores"]
         missing = [name for name in self._names if name not in outputs]
         if missing:
-            raise GalocError(f"a graph/1 model without outputs {missing}", f"{self._names}", "Export again.")
+            raise GalocError(f"outputs {outputs} without {missing}", f"{self._names}", "Export again.")
         self._classes = [name.strip() for name in metadata.get("galoc.classes", "").split(",")]
         try:
             self._threshold = float(metadata.get("galoc.threshold", THRESHOLD))

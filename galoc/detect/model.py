@@ -107,7 +107,7 @@ class Model:
     @property
     def name(self) -> str:
         """How messages call it."""
-        return f"model {self.path.name!r}"
+        return f"model {self.path.name or str(self.path)!r}"
 
     @property
     def session(self) -> Any:

@@ -12,15 +12,18 @@ from typing import Any
 import numpy as np
 
 from galoc.camera import Camera
+from galoc.detect.columns import Columns, checked_columns
 from galoc.detect.playback import Gravity, Playback, check_size
 from galoc.errors import GalocError
 from galoc.formats.atomic import write_atomic
 from galoc.types import Wireframe
 
-FIELDS = tuple(field.name for field in fields(Wireframe))
+FIELDS = tuple(field.name for field in fields(Wireframe) if field.name != "columns")
 """Arrays of a file: the fields of :class:`galoc.Wireframe`."""
 REQUIRED = FIELDS[:5]
 """Those that no file can do without: ceiling, floor, ceiling_true, floor_true, walls."""
+COLUMN_FIELDS = tuple(f"columns_{field.name}" for field in fields(Columns))
+"""Arrays of a file whose wireframe keeps what a network said column by column: all of them or none."""
 SIZE = "image_size"
 """Optional array (2,): width and height of the image, px."""
 MAX_BYTES = 64 * 2**20
@@ -42,6 +45,8 @@ def save_wireframe(wireframe: Wireframe, path: str | Path, camera: Camera | None
     if target.suffix.lower() != ".npz":
         raise GalocError(f"file name {target.name!r}", "one that ends in .npz", "Rename it.")
     arrays = {name: np.asarray(getattr(wireframe, name)) for name in FIELDS if getattr(wireframe, name) is not None}
+    if wireframe.columns is not None:
+        arrays |= {name: getattr(wireframe.columns, name.removeprefix("columns_")) for name in COLUMN_FIELDS}
     if camera is not None:
         arrays[SIZE] = np.array([camera.width, camera.height])
     buffer = io.BytesIO()
@@ -61,19 +66,30 @@ def load_wireframe(path: str | Path, camera: Camera | None = None) -> Wireframe:
     """
     source = Path(path)
     arrays = _arrays(source)
-    missing, unknown = set(REQUIRED) - set(arrays), set(arrays) - {*FIELDS, SIZE}
+    wanted = {*REQUIRED, *COLUMN_FIELDS} if set(COLUMN_FIELDS) & set(arrays) else set(REQUIRED)
+    missing, unknown = wanted - set(arrays), set(arrays) - {*FIELDS, *COLUMN_FIELDS, SIZE}
     if missing or unknown:
         got = f"{source.name!r} " + (f"without {sorted(missing)}" if missing else f"with {sorted(unknown)}")
         raise GalocError(got, f"the arrays {REQUIRED}, perhaps {(*FIELDS[5:], SIZE)}", "Fix the names.")
     size = arrays.pop(SIZE, None)
+    said = {name: arrays.pop(name) for name in COLUMN_FIELDS if name in arrays}
     try:
+        columns = _columns(said) if said else None
         if size is not None and camera is not None:
             if size.shape != (2,) or size.dtype.kind not in "iu":
                 raise GalocError(f"{SIZE} {size}", "width and height, whole px", "Fix it.")
             check_size("pixels", (int(size[0]), int(size[1])), camera)
-        return Wireframe(**arrays)
+        return Wireframe(**arrays, columns=columns)
     except GalocError as error:
         raise GalocError(f"{source.name!r}: {error.got}", error.expected, error.cure) from error
+
+
+def _columns(said: dict[str, Any]) -> Columns:
+    for name, array in said.items():
+        if array.dtype.kind not in "biuf" or array.ndim == 0:
+            raise GalocError(f"{name} of {array.dtype} {array.shape}", "an array of numbers", "Fix it.")
+    parts = {name.removeprefix("columns_"): np.asarray(array, np.float64) for name, array in said.items()}
+    return checked_columns(Columns(**parts))
 
 
 def _arrays(source: Path) -> dict[str, Any]:

@@ -46,7 +46,7 @@ class Stand:
 @pytest.fixture
 def stand(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Stand:
     stand = Stand()
-    monkeypatch.setattr(cli_detect, "_detector", lambda name, model: stand)
+    monkeypatch.setattr(cli_detect, "chosen_detector", lambda name, model: stand)
     monkeypatch.chdir(tmp_path)
     return stand
 

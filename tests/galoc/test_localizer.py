@@ -169,6 +169,18 @@ def test_a_detector_that_uses_heights_is_told_what_is_known() -> None:
     assert told[-2:] == [(other.k, other.k_sd), told[0]]
 
 
+@pytest.mark.parametrize("found", [None, {}, (Wireframe.empty(),), np.zeros((0, 2))])
+@pytest.mark.parametrize("uses_heights", [False, True])
+def test_a_detector_that_returns_no_wireframe_is_named(found: Any, uses_heights: bool) -> None:
+    class Odd:
+        def detect(self, *_: Any, **__: Any) -> Any:
+            return found
+
+    Odd.uses_heights = uses_heights  # type: ignore[attr-defined]
+    with pytest.raises(GalocError, match=f"{type(found).__name__} from the detector Odd.*Wireframe"):
+        Localizer(PLAN, CAMERA, detector=Odd()).locate(np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8), (0, 0))
+
+
 def test_no_detector_is_made_before_an_image_comes(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[str] = []
 

@@ -2,6 +2,7 @@
 
 import re
 import zipfile
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,9 @@ import numpy as np
 import pytest
 
 from galoc import Camera, Floorplan, GalocError, Localizer, Wireframe
+from galoc.detect.columns import Columns
 from galoc.detect.precomputed import FIELDS, PrecomputedDetector, load_wireframe, save_wireframe
+from galoc.detect.strip import azimuth_of
 from galoc_env.truth import visible_wireframe
 
 CAMERA = Camera.from_hfov(640, 480, 108)
@@ -52,6 +55,40 @@ def test_numpy_alone_writes_such_files(tmp_path: Path) -> None:
     found = load_wireframe(tmp_path / "a.npz")
     np.testing.assert_array_equal(found.ceiling, w.ceiling)
     assert found.sigma_px is None and not found.kind.any()
+
+
+def columns(count: int = 48) -> Columns:
+    rng = np.random.default_rng(1)
+    sides = azimuth_of(np.arange(0.5, 2 * count, 2), 2 * count), azimuth_of(np.arange(2 * count), 2 * count)
+    rows = [rng.uniform(0.1, 0.9, (2, count)) for _ in range(5)]
+    return Columns(sides[0], *rows, sides[1], rng.uniform(0.0, 1.0, (2, 2 * count)))
+
+
+def test_what_a_network_said_is_kept(tmp_path: Path) -> None:
+    w = replace(VIEWS[0], columns=columns())
+    found = load_wireframe(save_wireframe(w, tmp_path / "a.npz"))
+    assert_same(w, found)
+    assert found.columns is not None and w.columns is not None
+    for field in fields(Columns):
+        np.testing.assert_array_equal(getattr(found.columns, field.name), getattr(w.columns, field.name))
+
+
+@pytest.mark.parametrize(
+    ("changes", "part"),
+    [
+        ({"columns_sigma": None}, "without"),
+        ({"columns_sigma": np.zeros((2, 5))}, "shapes"),
+        ({"columns_edge": np.full((2, 96), np.nan)}, "finite"),
+        ({"columns_azimuths": columns().azimuths[::-1]}, "left to right"),
+        ({"columns_azimuths": np.array(1.0)}, "columns_azimuths"),
+        ({"columns_sure": np.full((2, 48), "x")}, "columns_sure"),
+    ],
+)
+def test_columns_that_mean_nothing_are_refused(tmp_path: Path, changes: dict[str, Any], part: str) -> None:
+    said = {f"columns_{field.name}": getattr(columns(), field.name) for field in fields(Columns)}
+    load_wireframe(write(tmp_path / "good.npz", **said))
+    with pytest.raises(GalocError, match=part):
+        load_wireframe(write(tmp_path / "bad.npz", **(said | changes)))
 
 
 def test_frames_come_in_order_and_end(tmp_path: Path) -> None:

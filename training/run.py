@@ -82,6 +82,8 @@ def main(options: Options) -> None:
             options.minutes, options.batch, options.rate, device=pick_device(options.device), reuse=options.reuse
         )
         Trainer(options.out, shards, plan).run(60.0 * options.minutes)
+        folder = "" if options.out == Options().out else f" --out {options.out}"
+        print(f"Done. Next: python -m training.evaluate{folder}; python -m training.export{folder}", flush=True)
     except KeyboardInterrupt:
         print("Interrupted; the checkpoint is saved. Run the same command to go on.", flush=True)
     finally:

@@ -211,7 +211,7 @@ def test_stated_deviations_are_those_of_repeated_frames() -> None:
             continue
         errors.append(np.stack([found.ceiling - true.ceiling, found.floor - true.floor])[:, 1:5, 1])
         stated.append(found.sigma_px[1:5].T)
-    assert len(errors) > 30
+    assert len(errors) > 24  # frames in which the same walls were found
     ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / np.mean(stated, axis=0)
     assert np.all(ratio < 1.3) and np.all(ratio > 0.3)  # 30 draws know a deviation to 13 %
 

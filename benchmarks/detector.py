@@ -27,7 +27,7 @@ import tyro
 from common import chosen, resumable, write
 from detector_report import figure, report, summary
 from numpy.typing import NDArray
-from photos import Condition, Photo, boundary_of, edges_of, furnished_plan, photographs
+from photos import DEGRADED, Condition, Photo, boundary_of, edges_of, furnished_plan, photographs
 
 from galoc import GalocError, Wireframe, solve_layout
 from galoc.detect.oracle import perturb
@@ -58,7 +58,7 @@ TABLES: dict[str, dict[str, Condition]] = {
         "raster, clean": replace(BASE, imaging=None),
         "gl, clean": replace(BASE, imaging=None, renderer="gl"),
         "raster, best": replace(BASE, imaging=None, quality="best"),
-        **{name: replace(BASE, after=name) for name in ("dark", "noisy", "blurred", "washed out")},
+        **{name: replace(BASE, after=name) for name in DEGRADED},
     },
 }
 """Conditions by table."""

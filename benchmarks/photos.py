@@ -69,9 +69,13 @@ DEGRADED = {
     "noisy": lambda x, rng: np.clip(x + rng.normal(0.0, 60.0, x.shape), 0, 255).astype(np.uint8),
     "blurred": lambda x, rng: _blurred(x, 0.012),
     "washed out": lambda x, rng: (205 + 0.15 * x).astype(np.uint8),
+    "ruined: dark": lambda x, rng: (x * 0.015).astype(np.uint8),
+    "ruined: noisy": lambda x, rng: np.clip(x + rng.normal(0.0, 250.0, x.shape), 0, 255).astype(np.uint8),
+    "ruined: blurred": lambda x, rng: _blurred(x, 0.05),
+    "ruined: washed out": lambda x, rng: (250 + 0.012 * x).astype(np.uint8),
 }
-"""Worse than any training frame: an eighth of the light, noise of 60 of 255, blur of 1.2 % of the width, a sixth of
-the contrast."""
+"""Bad: an eighth of the light, noise of 60 of 255, blur of 1.2 % of the width, a sixth of the contrast. Ruined, beyond
+what training has: four grey levels, noise of 250, blur of 5 %, four grey levels near white."""
 
 
 def _blurred(image: NDArray[np.uint8], share: float) -> NDArray[np.uint8]:

@@ -121,3 +121,12 @@ def test_chain_rays_equal_a_plain_cast_and_its_derivatives() -> None:
         known = np.isfinite(want) & smooth
         spread = np.einsum("ki,ij,kj->k", jacobian, root @ root.T, jacobian)
         np.testing.assert_allclose(variance[known], spread[known], rtol=1e-3, atol=1e-9)
+
+
+def test_a_ray_along_a_walls_own_line_is_unknown() -> None:
+    """The wall runs beside the middle ray, and its arc in the image is given too wide: they meet after 1e9 units."""
+    beside = np.array([[1.0, 2.0], [1.0 - 2e-9, 4.0]])
+    layout = Layout(beside, np.array([[0, 1]]), np.radians([[-20.0, 40.0]]), np.ones(2), "paper")
+    rays = cast_rays(layout, Camera.from_hfov(640, 480, 90))
+    middle = len(rays.known) // 2
+    assert rays.known[middle - 10] and not rays.known[middle]

@@ -145,12 +145,13 @@ def figure(found: dict[str, dict[str, Any]]) -> bytes:
             for told, full in (("", True), (", heights known", False)):
                 values = np.array([found[f"{name}|{route}{told}"]["recall"][distance] for name in RUNGS], float) * 100
                 face = colour if full else "white"
-                axes.hlines(at, values[:, 1], values[:, 2], color=colour, lw=0.8, alpha=0.5)
+                axes.hlines(at, values[:, 1], values[:, 2], color=colour, lw=0.6, alpha=0.35)
                 axes.plot(values[:, 0], at, marker, color=colour, mfc=face, label=f"{route}{told}")
         axes.set(xlabel=f"photographs within {distance[:-1]} m / %", yticks=at, yticklabels=list(RUNGS))
         axes.grid(alpha=0.25)
         axes.spines[["top", "right"]].set_visible(False)
-    page.axes[0].legend(fontsize=8, frameon=False, loc="lower right")
+    handles, labels = page.axes[0].get_legend_handles_labels()
+    page.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
     out = io.BytesIO()
     page.savefig(out, dpi=100)
     return out.getvalue()

@@ -20,7 +20,7 @@ STEP_SD = 0.15
 """Added to the log-range deviation of rays within one standard deviation of an occluded wall's end, where the range
 jumps."""
 FARTHEST = 1e3
-"""Nothing is farther than so many times the chain's extent ("paper")."""
+"""No wall is farther than so many times the height of the room ("paper")."""
 LIMIT_MARGIN_PX = 1.0
 """A line counts as beyond the image only when it is this far beyond, px."""
 
@@ -61,7 +61,7 @@ def cast_rays(layout: Layout, camera: Camera) -> Rays:
     own = np.where(ahead & inside, t, np.inf).min(axis=1, initial=np.inf)
     distance = np.where(np.isfinite(hit), hit, own)
     # A ray along a wall's own line meets it nowhere in the building.
-    known = inside.any(axis=1) & (distance < FARTHEST * np.abs(layout.points).max(initial=0.0))
+    known = inside.any(axis=1) & (distance < FARTHEST * layout.heights.sum())
     return Rays(np.where(known, distance, np.nan), known, np.full(n, np.nan))
 
 

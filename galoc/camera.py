@@ -162,3 +162,16 @@ def azimuth(rays_level: ArrayLike) -> Array:
     """Azimuth atan2(x, z) of levelled rays (..., 3), rad, positive to the right: plan bearing = heading - azimuth."""
     rays = np.asarray(rays_level, dtype=np.float64)
     return np.asarray(np.arctan2(rays[..., 0], rays[..., 2]))
+
+
+def level_directions(azimuths: ArrayLike, elevations: ArrayLike) -> Array:
+    """(..., 3) unit directions in the level frame of azimuths (right positive) and elevations (up positive), rad."""
+    az, el = np.asarray(azimuths, dtype=np.float64), np.asarray(elevations, dtype=np.float64)
+    flat = np.cos(el)
+    return np.stack(np.broadcast_arrays(np.sin(az) * flat, -np.sin(el), np.cos(az) * flat), axis=-1)
+
+
+def level_angles(directions: ArrayLike) -> tuple[Array, Array]:
+    """Azimuth and elevation, rad, of level-frame directions (..., 3) of any length."""
+    x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
+    return np.arctan2(x, z), np.arctan2(-y, np.hypot(x, z))

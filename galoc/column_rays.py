@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from galoc.camera import Camera, levelling
+from galoc.camera import Camera, level_angles, level_directions, levelling
 from galoc.detect.columns import Columns
 from galoc.rays import KNOWN_SD, cast_rays
 from galoc.types import Layout, Rays
@@ -41,7 +41,7 @@ def column_rays(columns: Columns, layout: Layout, camera: Camera, gravity: Array
     k_sd = layout.log_ratio[1]
     turn = levelling(layout.gravity) @ levelling(gravity).T
     log_h = np.log(layout.heights)[:, None]
-    azimuth, elevation = _turned(columns, turn)
+    azimuth, elevation = level_angles(level_directions(columns.azimuths, columns.elevation) @ turn.T)
     steep = np.maximum(np.array([[1.0], [-1.0]]) * elevation, LEAST_ELEVATION)
     log_range = log_h - np.log(np.tan(np.minimum(steep, math.radians(89.0))))
     variance = np.square(2.0 / np.sin(2.0 * np.clip(steep, 0.0, math.radians(85.0))) * columns.sigma)
@@ -55,16 +55,6 @@ def column_rays(columns: Columns, layout: Layout, camera: Camera, gravity: Array
     spread = doubt / np.maximum(total, 1e-12) + np.square(0.5 * (share[1] - share[0]) * k_sd)
     at = (share * azimuth).sum(axis=0)
     return _at_rays(at, fused, np.where(total > 0.0, spread, np.inf), cast)
-
-
-def _turned(columns: Columns, turn: Array) -> tuple[Array, Array]:
-    """(2, C) azimuth and elevation of both lines after a small rotation of the level frame."""
-    flat = np.cos(columns.elevation)
-    direction = np.stack(
-        [np.sin(columns.azimuths) * flat, -np.sin(columns.elevation), np.cos(columns.azimuths) * flat], axis=-1
-    )
-    x, y, z = np.moveaxis(direction @ turn.T, -1, 0)
-    return np.arctan2(x, z), np.arctan2(-y, np.hypot(x, z))
 
 
 def _at_rays(azimuth: Array, log_range: Array, variance: Array, cast: Rays) -> Rays:

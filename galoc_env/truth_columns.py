@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from galoc.camera import Camera, levelling
+from galoc.camera import Camera, level_angles, level_directions, levelling
 from galoc.checked import number
 from galoc.detect.columns import Columns
 from galoc.detect.strip import COLUMN_GROUP, STEP_RAD, azimuth_of, columns_for
@@ -115,6 +115,11 @@ class WallChain:
         gap = azimuth - self._right[k]
         return np.where((gap > 0) & (self._left[after] - azimuth < gap), after, k)
 
+    def covers(self, azimuth: Array) -> NDArray[np.bool_]:
+        """Whether there is a wall at azimuths, rad, or within two columns of them."""
+        k = self.index(azimuth)
+        return np.asarray((azimuth > self._left[k] - 2 * STEP_RAD) & (azimuth < self._right[k] + 2 * STEP_RAD))
+
     def range(self, azimuth: Array) -> Array:
         """Range of the wall at azimuths, m; that of the nearest panel's plane in gaps."""
         k = self.index(azimuth)
@@ -123,14 +128,25 @@ class WallChain:
         return np.asarray(self._offset[k] / along)
 
 
-def _directions(azimuth: Array, elevation: Array) -> Array:
-    flat = np.cos(elevation)
-    return np.stack([np.sin(azimuth) * flat, -np.sin(elevation), np.cos(azimuth) * flat], axis=-1)
+def wall_lines(chain: WallChain, heights: Array, azimuths: Array, turn: Array) -> tuple[Array, Array, Array]:
+    """Ceiling and floor line of the wall in each column of a level frame that is a little off.
 
+    Args:
+        chain: the walls in view.
+        heights: (2,) m, ceiling above the camera and floor, negative, below it.
+        azimuths: (C,) of the columns, rad.
+        turn: (3, 3) from the true level frame to the columns'.
 
-def _angles(directions: Array) -> tuple[Array, Array]:
-    x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
-    return np.arctan2(x, z), np.arctan2(-y, np.hypot(x, z))
+    Returns:
+        (2, C) true azimuth and true elevation of the line, and its elevation in the columns' frame, rad.
+    """
+    true_azimuth = np.broadcast_to(azimuths, (2, len(azimuths))).copy()
+    true_elevation, elevation = np.zeros_like(true_azimuth), np.zeros_like(true_azimuth)
+    for _ in range(4):  # the IMU's error is small: the line of a column is found in a few rounds
+        true_elevation = np.arctan2(heights[:, None], chain.range(true_azimuth))
+        seen, elevation = level_angles(level_directions(true_azimuth, true_elevation) @ turn.T)
+        true_azimuth += azimuths - seen
+    return true_azimuth, true_elevation, elevation
 
 
 def _exact(
@@ -144,13 +160,8 @@ def _exact(
 ) -> Columns:
     group = np.arange(columns // COLUMN_GROUP) * COLUMN_GROUP + (COLUMN_GROUP - 1) / 2.0
     azimuths = azimuth_of(group, columns)
-    true_azimuth = np.broadcast_to(azimuths, (2, len(azimuths))).copy()
-    true_elevation, elevation = np.zeros_like(true_azimuth), np.zeros_like(true_azimuth)
-    for _ in range(4):  # the IMU's error is small: the line of a column is found in a few rounds
-        true_elevation = np.arctan2(heights[:, None], chain.range(true_azimuth))
-        seen, elevation = _angles(_directions(true_azimuth, true_elevation) @ turn.T)
-        true_azimuth += azimuths - seen
-    pixels = camera.project_level(_directions(true_azimuth, true_elevation), gravity)
+    true_azimuth, true_elevation, elevation = wall_lines(chain, heights, azimuths, turn)
+    pixels = camera.project_level(level_directions(true_azimuth, true_elevation), gravity)
     inside = camera.contains(pixels).astype(np.float64)
     return Columns(
         azimuths,
@@ -174,7 +185,7 @@ def _edges(chain: WallChain, heights: Array, turn: Array, columns: int, shown: N
             continue
         near, far = sorted((float(before.range[1]), float(after.range[0])))
         middle = float(np.mean(np.arctan2(heights, near)))
-        seen, _ = _angles(_directions(np.array(azimuth), np.array(middle)) @ turn.T)
+        seen, _ = level_angles(level_directions(azimuth, middle) @ turn.T)
         column = float(seen) / STEP_RAD + columns / 2.0 - 0.5
         kind = 0 if far - near < 5.0 * JOIN_RANGE * near else 1
         bump = EDGE_TOP * np.exp(-0.5 * ((at - column) / EDGE_SD) ** 2)

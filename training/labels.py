@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from galoc import Camera
-from galoc.camera import levelling
+from galoc.camera import level_angles, level_directions, levelling
 from galoc.detect.strip import COLUMN_GROUP, ROWS, STEP_RAD, azimuth_of, elevation_of, row_of, strip_pixels
 from galoc_env.render import Frame
 from galoc_env.scene import Scene
-from galoc_env.truth import JOIN_RANGE, Panel, visible_panels
+from galoc_env.truth import JOIN_RANGE, visible_panels
+from galoc_env.truth_columns import WallChain, wall_lines
 from training.views import View
 
 Array = NDArray[np.float64]
@@ -44,40 +45,6 @@ class Labels:
     """(ROWS // 2, C) semantic class in the image; 0 where the image does not reach."""
 
 
-class _Chain:
-    """Wall panels around a pose, to be asked for the range at any azimuth."""
-
-    def __init__(self, panels: list[Panel]) -> None:
-        self.left = np.array([p.azimuth[0] for p in panels])
-        self.right = np.array([p.azimuth[1] for p in panels])
-        ends = np.array([p.points() for p in panels]).reshape(-1, 2, 2)
-        self.normal = np.stack([ends[:, 1, 1] - ends[:, 0, 1], ends[:, 0, 0] - ends[:, 1, 0]], axis=1)
-        self.offset = np.sum(self.normal * ends[:, 0], axis=1)
-        self.panels = panels
-
-    def range(self, azimuth: Array) -> Array:
-        """Range of the wall at azimuths, m; NaN in gaps."""
-        k = np.clip(np.searchsorted(self.left, azimuth, "right") - 1, 0, len(self.left) - 1)
-        after = np.minimum(k + 1, len(self.left) - 1)
-        gap = azimuth - self.right[k]
-        k = np.where((gap > 0) & (self.left[after] - azimuth < gap), after, k)  # slivers count as their neighbour
-        inside = (azimuth > self.left[k] - 2 * STEP_RAD) & (azimuth < self.right[k] + 2 * STEP_RAD)
-        along = self.normal[k, 0] * np.sin(azimuth) + self.normal[k, 1] * np.cos(azimuth)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            found = self.offset[k] / along
-        return np.where(inside & (found > 0.0) & (found < 1e3), found, np.nan)
-
-
-def _directions(azimuth: Array, elevation: Array) -> Array:
-    flat = np.cos(elevation)
-    return np.stack([np.sin(azimuth) * flat, -np.sin(elevation), np.cos(azimuth) * flat], axis=-1)
-
-
-def _angles(directions: Array) -> tuple[Array, Array]:
-    x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
-    return np.arctan2(x, z), np.arctan2(-y, np.hypot(x, z))
-
-
 def label(scene: Scene, camera: Camera, view: View, frame: Frame, columns: int) -> Labels | None:
     """Labels of a view.
 
@@ -96,27 +63,22 @@ def label(scene: Scene, camera: Camera, view: View, frame: Frame, columns: int) 
     panels = visible_panels(scene.sight_plan, view.pose, -reach, reach)
     if not panels:
         return None
-    chain = _Chain(panels)
-    heights = np.array([scene.plan.ceiling_height - view.height_m, -view.height_m])[:, None]
-    measured = levelling(view.measured) @ levelling(view.gravity).T  # true level frame -> the strip's
+    chain = WallChain(panels)
+    heights = np.array([scene.plan.ceiling_height - view.height_m, -view.height_m])
+    turn = levelling(view.measured) @ levelling(view.gravity).T
     group = np.arange(columns // COLUMN_GROUP) * COLUMN_GROUP + (COLUMN_GROUP - 1) / 2.0
-    wanted = np.broadcast_to(azimuth_of(group, columns), (2, len(group)))
-    azimuth = wanted.copy()
-    elevation = np.zeros_like(azimuth)
-    for _ in range(3):  # the IMU's error is small: the boundary of a column is found in two or three rounds
-        elevation = np.arctan2(heights, chain.range(azimuth))
-        seen_az, seen_el = _angles(_directions(azimuth, elevation) @ measured.T)
-        azimuth = azimuth + (wanted - seen_az)
-    pixels = camera.project_level(_directions(azimuth, elevation), view.gravity)
-    in_frame = camera.contains(pixels)
-    visible = in_frame & _boundary_seen(chain, camera, view, frame, azimuth, elevation, heights)
-    edges = _edges(chain, camera, view, frame, heights[:, 0], measured, columns)
-    row = np.where(np.isfinite(elevation), row_of(seen_el), np.nan).astype(np.float32)
+    azimuth, elevation, seen = wall_lines(chain, heights, azimuth_of(group, columns), turn)
+    pixels = camera.project_level(level_directions(azimuth, elevation), view.gravity)
+    there = chain.covers(azimuth)
+    in_frame = camera.contains(pixels) & there
+    visible = in_frame & _boundary_seen(chain, camera, view, frame, azimuth, elevation, heights[:, None])
+    edges = _edges(chain, camera, view, frame, heights, turn, columns)
+    row = np.where(there, row_of(seen), np.nan).astype(np.float32)
     return Labels(row, in_frame, visible, edges, _semantic(camera, view, frame, columns))
 
 
 def _boundary_seen(
-    chain: _Chain, camera: Camera, view: View, frame: Frame, azimuth: Array, elevation: Array, heights: Array
+    chain: WallChain, camera: Camera, view: View, frame: Frame, azimuth: Array, elevation: Array, heights: Array
 ) -> NDArray[np.bool_]:
     """Whether wall and ceiling (floor) are both seen beside the boundary: their depths are what they should be."""
     distance = chain.range(azimuth)
@@ -135,7 +97,7 @@ def _depth_is(
 ) -> NDArray[np.bool_]:
     """Whether the frame shows something at a horizontal distance (m) in a direction; False outside the image."""
     assert frame.depth is not None
-    points = _directions(azimuth, elevation) / np.cos(elevation)[..., None] * distance[..., None]
+    points = level_directions(azimuth, elevation) / np.cos(elevation)[..., None] * distance[..., None]
     in_camera = points @ levelling(view.gravity)
     pixels = camera.project_level(points, view.gravity)
     inside = camera.contains(pixels)
@@ -146,7 +108,7 @@ def _depth_is(
 
 
 def _edges(
-    chain: _Chain, camera: Camera, view: View, frame: Frame, heights: Array, measured: Array, columns: int
+    chain: WallChain, camera: Camera, view: View, frame: Frame, heights: Array, turn: Array, columns: int
 ) -> NDArray[np.float32]:
     """Vertical wall edges of which some part is inside the image."""
     rows = []
@@ -159,7 +121,7 @@ def _edges(
         top, bottom = np.arctan2(heights, near)
         at = bottom + (top - bottom) * (np.arange(EDGE_ROWS) + 0.5) / EDGE_ROWS
         line = np.full(EDGE_ROWS, azimuth)
-        inside = camera.contains(camera.project_level(_directions(line, at), view.gravity))
+        inside = camera.contains(camera.project_level(level_directions(line, at), view.gravity))
         if not inside.any():
             continue
         seen = np.zeros(EDGE_ROWS, bool)
@@ -167,7 +129,7 @@ def _edges(
             where = line + gap * 0.5 * STEP_RAD
             seen |= _depth_is(camera, view, frame, where, at, np.full(EDGE_ROWS, side.range[1 if gap < 0 else 0]))
         middle = float(np.mean(at[inside]))
-        az, _ = _angles(_directions(np.array(azimuth), np.array(middle)) @ measured.T)
+        az, _ = level_angles(level_directions(azimuth, middle) @ turn.T)
         column = float(az) / STEP_RAD + columns / 2.0 - 0.5
         rows.append((column, 0.0 if corner else 1.0, float(np.mean(seen[inside]))))
     rows.sort(key=lambda r: -r[2])

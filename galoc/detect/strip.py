@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from galoc.camera import Camera, levelling
+from galoc.camera import Camera, level_directions, levelling
 
 Array = NDArray[np.float64]
 
@@ -122,6 +122,4 @@ def _directions(columns: int) -> NDArray[np.float32]:
     """(ROWS * W, 3) levelled direction of each place of a strip."""
     elevation = elevation_of(np.arange(ROWS))[:, None]
     azimuth = azimuth_of(np.arange(columns), columns)[None, :]
-    flat = np.cos(elevation)
-    parts = np.broadcast_arrays(np.sin(azimuth) * flat, -np.sin(elevation), np.cos(azimuth) * flat)
-    return np.stack(parts, axis=-1).reshape(-1, 3).astype(np.float32)
+    return level_directions(azimuth, elevation).reshape(-1, 3).astype(np.float32)

@@ -96,13 +96,11 @@ def _oracle(sigma: float, photo: Photo, rng: np.random.Generator) -> tuple[Wiref
 
 
 def _learned(detector: Any, k_known: bool, photo: Photo, _: np.random.Generator) -> tuple[Wireframe, float]:
-    from galoc.detect.decode import decode
-
-    columns = detector.columns(photo.image, photo.camera, photo.view.measured)
     height = photo.view.height_m
     told = (math.log(height / (photo.ceiling_m - height)), 0.02) if k_known else None
-    wireframe = decode(columns, photo.camera, photo.view.measured, log_ratio=told)
-    return wireframe, float(columns.visible.max(axis=0).mean())
+    wireframe = detector.detect(photo.image, photo.camera, photo.view.measured, log_ratio=told)
+    columns = wireframe.columns
+    return wireframe, 0.0 if columns is None else float(columns.visible.max(axis=0).mean())
 
 
 def _plain(detector: Any, photo: Photo, _: np.random.Generator) -> tuple[Wireframe, float]:

@@ -75,7 +75,7 @@ def decode(
     config = config or DecodeConfig()
     checked_columns(columns)
     if float((columns.sure * columns.visible).sum()) < config.least_seen:
-        return Wireframe.empty()
+        return replace(Wireframe.empty(), columns=columns)
     ends, lines = _walls(columns, camera, gravity, log_ratio or (Heights().k, Heights().k_sd), config)
     wireframe, owner = wireframe_of([_face(a, b) for a, b in ends], camera, gravity)
     if len(wireframe) == 0:

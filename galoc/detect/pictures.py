@@ -8,8 +8,12 @@ from numpy.typing import ArrayLike, NDArray
 from galoc.camera import Camera
 from galoc.errors import GalocError
 
-LEAST_CONTRAST = 2
-"""A picture whose brightest and darkest values are no further apart shows nothing (lens covered, lamp out)."""
+LEAST_CONTRAST = 5
+"""A picture nearly all of whose values are no further apart, of 255, shows nothing (lens covered, lamp out, fog)."""
+OUTLIERS = 0.01
+"""Share of the brightest and of the darkest values that do not count."""
+LOOKED_AT = 4096
+"""Pixels that are looked at, at least, where there are so many."""
 
 
 def checked_picture(image: ArrayLike, camera: Camera) -> NDArray[np.uint8]:
@@ -33,12 +37,11 @@ def checked_picture(image: ArrayLike, camera: Camera) -> NDArray[np.uint8]:
 
 
 def is_blank(picture: NDArray[np.uint8]) -> bool:
-    """Whether a picture is of one tone all over, black or other: no detector can find a wall there."""
-    return _flat(picture[::16, ::16]) and _flat(picture)  # the few pixels tell nearly all others apart at once
-
-
-def _flat(pixels: NDArray[np.uint8]) -> bool:
-    return all(int(plane.max()) - int(plane.min()) <= LEAST_CONTRAST for plane in np.moveaxis(pixels, -1, 0))
+    """Whether a picture is of one tone, black or other, or nearly so: no detector can find a wall there."""
+    stride = max(1, int((picture.shape[0] * picture.shape[1] / LOOKED_AT) ** 0.5))
+    few = picture[::stride, ::stride].reshape(-1, 3)
+    low, high = np.quantile(few, (OUTLIERS, 1.0 - OUTLIERS), axis=0, method="nearest").astype(np.int64)
+    return bool(np.all(high - low <= LEAST_CONTRAST))
 
 
 def _array(image: ArrayLike) -> NDArray:

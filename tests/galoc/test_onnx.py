@@ -375,11 +375,16 @@ def test_one_pixel_is_abstained_on(tiny: Path) -> None:
     assert len(OnnxDetector(tiny).detect(np.full((1, 1, 3), 9, np.uint8), camera, LEVEL)) == 0
 
 
-def test_blank_means_one_tone_of_any_colour() -> None:
-    tone = np.full((20, 30, 3), (200, 30, 90), np.uint8)
+def test_blank_means_nearly_one_tone_of_any_colour() -> None:
+    tone = np.full((60, 90, 3), (200, 30, 90), np.uint8)
     assert is_blank(tone)
-    tone[3, 4, 1] += 9
+    tone[:20, :, 1] += 4
+    assert is_blank(tone)  # a third of it is a little brighter
+    tone[:20, :, 1] += 9
     assert not is_blank(tone)
+    speck = np.zeros((480, 640, 3), np.uint8)
+    speck[100:110, 200:210] = 255
+    assert is_blank(speck)
 
 
 def test_sound_pictures_are_not_copied_and_odd_ones_made_contiguous() -> None:

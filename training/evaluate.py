@@ -111,7 +111,8 @@ def fitted_calibration(r: Residuals) -> np.ndarray:
     curves = []
     for use in ((r.in_frame > 0.5) & (r.sure > 0.8) & (size < FAR_DEG), (r.in_frame <= 0.5) & (r.sure > 0.3)):
         held = [size[use & (which == k)] for k in range(len(KNOTS_DEG))]
-        values = [np.quantile(h, 0.95) / 2.0 if len(h) > 50 else 0.0 for h in held]
+        # Where hardly anything was measured, what the network says has to do.
+        values = [np.quantile(h, 0.95) / 2.0 if len(h) > 50 else k for h, k in zip(held, KNOTS_DEG, strict=True)]
         curves.append(np.maximum.accumulate(np.maximum(values, 0.1)))
     return np.array(curves)
 

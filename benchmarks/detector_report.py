@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from galoc.metrics import roc_auc
 from galoc_env.stress_scores import interval
 
 Array = NDArray[np.float64]
@@ -30,14 +31,6 @@ COLUMNS = (
     ("ms", "ms", "{:.1f}"),
 )
 """Key, heading and format of the table's columns."""
-
-
-def auc(score: Array, positive: NDArray[np.bool_]) -> float:
-    """How often a positive has the higher score (half a point for a tie); NaN without both kinds."""
-    a, b = score[positive], score[~positive]
-    if len(a) == 0 or len(b) == 0:
-        return math.nan
-    return float(np.mean((a[:, None] > b[None]) + 0.5 * (a[:, None] == b[None])))
 
 
 def summary(rows: Sequence[Row], conditions: Sequence[str], methods: Sequence[str]) -> list[Row]:
@@ -83,7 +76,7 @@ def _numbers(frames: list[Row], blind: NDArray[np.bool_], home: NDArray[np.int64
         "coverage": 100.0 * float(of("coverage").mean()),
         "abstained": 100.0 * float(of("abstained").mean()),
         "abstained_blind": 100.0 * float(of("abstained")[blind].mean()) if blind.any() else math.nan,
-        "blind_auc": auc(of("seen"), sighted),
+        "blind_auc": roc_auc(of("seen"), sighted),
         "ms": float(np.median(of("ms"))),
     }
 
@@ -118,22 +111,18 @@ def _cell(value: float | None, text: str) -> str:
 
 def figure(result: Row) -> bytes:
     """Distribution of the boundary error and of the IoU, or the IoU by condition."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
     rows = result["summary"]
     conditions = list(dict.fromkeys(row["condition"] for row in rows))
-    fig, axes = plt.subplots(1, 2, figsize=(11, 4.2))
+    page = Figure(figsize=(11.0, 4.2), layout="constrained")
+    axes = page.subplots(1, 2)
     if len(conditions) == 1:
         _distributions(axes, result)
     else:
         _by_condition(axes, rows, conditions)
-    fig.tight_layout()
     buffer = io.BytesIO()
-    fig.savefig(buffer, format="png", dpi=110)
-    plt.close(fig)
+    page.savefig(buffer, format="png", dpi=110)
     return buffer.getvalue()
 
 

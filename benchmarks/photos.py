@@ -96,13 +96,13 @@ def photographs(scene: Scene, condition: Condition, count: int, seed: list[int])
     camera = condition.camera()
     places, noise = np.random.default_rng([*seed, 0]), np.random.default_rng([*seed, 1])
     renderer = make_renderer(condition.renderer, scene, camera, quality=condition.quality)
-    truth_renderer = renderer if condition.renderer == "raster" else make_renderer("raster", scene, camera)
+    exact_renderer = None if condition.renderer == "raster" else make_renderer("raster", scene, camera)
     viewpoints = Viewpoints(scene)
     made = 0
     while made < count:
         view = _view(viewpoints, scene.plan.ceiling_height, condition, places)
         frame = renderer.render(view.pose, view.height_m, view.gravity)
-        exact = truth_renderer.render(view.pose, view.height_m, view.gravity)
+        exact = frame if exact_renderer is None else exact_renderer.render(view.pose, view.height_m, view.gravity)
         random = condition.imaging == "random"
         imaging = Imaging.random(noise, 1.0) if random else Imaging.of(condition.imaging)
         turn = float(noise.normal(0.0, 0.2))
@@ -134,24 +134,9 @@ def boundary_of(wireframe: Wireframe, camera: Camera, gravity: tuple[float, floa
     """(2, C) elevation, rad, of the ceiling and floor line of the wall in each column; NaN where none is measured."""
     found = np.full((2, len(azimuths)), np.nan)
     m = np.tan(azimuths)
-    for w, (i, j) in enumerate(wireframe.walls):
-        for row, (pixels, flags, cuts) in enumerate(
-            (
-                (wireframe.ceiling, wireframe.ceiling_true, wireframe.ceiling_cut),
-                (wireframe.floor, wireframe.floor_true, wireframe.floor_cut),
-            )
-        ):
-            ends = np.full((2, 2), np.nan)
-            for side, node in enumerate((i, j)):
-                if flags[node]:
-                    ends[side] = pixels[node]
-                elif cuts is not None and np.isfinite(cuts[w, side]).all():
-                    ends[side] = cuts[w, side]
-                elif wireframe.kind[node] == BORDER and flags[node]:
-                    ends[side] = pixels[node]
-            if not np.isfinite(ends).all():
-                continue
-            rays = camera.rays_level(ends, gravity)
+    for row in (0, 1):
+        for _, *ends in wireframe.shown_lines(row):
+            rays = camera.rays_level(np.array(ends), gravity)
             (x0, y0), (x1, y1) = rays[:, :2] / rays[:, 2:]
             if not x1 > x0:
                 continue

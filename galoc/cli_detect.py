@@ -60,12 +60,7 @@ def detect(
         raise GalocError(
             f"no {missing}", "galoc detect IMAGE --hfov DEGREES, or galoc detect --check MODEL", f"Give {missing}."
         )
-    target = out if out is not None else Path(f"{image.stem}.walls.png")
-    if target.suffix.lower() not in PICTURES:
-        raise GalocError(f"{str(target)!r} to draw to", "a file name that ends in .png or .jpg", "Fix the suffix.")
-    for file in (target, json):
-        if file is not None:
-            refuse_unwritable(file)
+    target = drawing_target(out, Path(f"{image.stem}.walls.png"), json)
     picture, turned = read_picture(image)
     print(_detected(image, picture, turned, (hfov, roll, pitch), chosen_detector(detector, model), target, json))
     return 0
@@ -199,6 +194,21 @@ def read_picture(path: Path) -> tuple[NDArray[np.uint8], bool]:
         got = f"{str(path)!r} which is no picture that OpenCV reads, or damaged"
         raise GalocError(got, "a PNG, JPEG, WebP, TIFF or other picture", "Convert it to PNG or JPEG.")
     return np.ascontiguousarray(bgr[..., ::-1], np.uint8), bgr.shape[:2] != raw.shape[:2]
+
+
+def drawing_target(out: Path | None, default: Path, json: Path | None) -> Path:
+    """Where to draw; it and the file for the numbers are refused before any work is done for them.
+
+    Raises:
+        GalocError: a name that is no picture's, or a file that cannot be written.
+    """
+    target = default if out is None else out
+    if target.suffix.lower() not in PICTURES:
+        raise GalocError(f"{str(target)!r} to draw to", "a file name that ends in .png or .jpg", "Fix the suffix.")
+    for file in (target, json):
+        if file is not None:
+            refuse_unwritable(file)
+    return target
 
 
 def refuse_unwritable(path: Path) -> None:

@@ -12,16 +12,15 @@ import tyro
 from numpy.typing import NDArray
 
 from galoc.cli_detect import (
-    PICTURES,
     SHIPPED,
     camera_and_gravity,
     chosen_detector,
     coverage_words,
     describe,
+    drawing_target,
     found_rows,
     picture_words,
     read_picture,
-    refuse_unwritable,
 )
 from galoc.errors import GalocError
 from galoc.heights import Heights
@@ -72,12 +71,7 @@ def locate(
     """
     from galoc.floorplan import Floorplan
 
-    target = out if out is not None else Path(f"{image.stem}.map.png")
-    if target.suffix.lower() not in PICTURES:
-        raise GalocError(f"{str(target)!r} to draw to", "a file name that ends in .png or .jpg", "Fix the suffix.")
-    for file in (target, json):
-        if file is not None:
-            refuse_unwritable(file)
+    target = drawing_target(out, Path(f"{image.stem}.map.png"), json)
     known = given_heights(camera_height, ceiling_height)
     picture, turned = read_picture(image)
     loaded = Floorplan.load(plan, scale=scale)

@@ -171,6 +171,21 @@ def calibration_error(confidence: ArrayLike, correct: ArrayLike, bins: int = 10)
     return float(np.nansum(count * np.abs(stated - right)) / count.sum()) if count.any() else math.nan
 
 
+def roc_auc(score: ArrayLike, positive: ArrayLike) -> float:
+    """Area under the ROC curve: how often a positive has the higher score, a tie counting half; NaN without both kinds.
+
+    Args:
+        score: (F,).
+        positive: (F,) bool.
+    """
+    s, yes = np.asarray(score, dtype=np.float64), np.asarray(positive, dtype=bool)
+    below, above = np.sort(s[~yes]), s[yes]
+    if len(below) == 0 or len(above) == 0:
+        return math.nan
+    wins = np.searchsorted(below, above, "left") + np.searchsorted(below, above, "right")
+    return float(wins.mean() / (2.0 * len(below)))
+
+
 def _confidences(confidence: ArrayLike, correct: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     c, ok = np.asarray(confidence, dtype=np.float64), np.asarray(correct, dtype=bool)
     if c.ndim != 1 or c.shape != ok.shape:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from galoc.camera import Camera, level_angles, level_directions, levelling
 from galoc.checked import number
 from galoc.detect.columns import Columns
-from galoc.detect.strip import COLUMN_GROUP, STEP_RAD, azimuth_of, columns_for
+from galoc.detect.strip import COLUMN_GROUP, STEP_RAD, azimuth_of, column_azimuths, columns_for
 from galoc.errors import GalocError
 from galoc.floorplan import Floorplan
 from galoc.wall_pixels import JOIN_RANGE
@@ -158,8 +158,7 @@ def _exact(
     columns: int,
     shown: NDArray[np.bool_],
 ) -> Columns:
-    group = np.arange(columns // COLUMN_GROUP) * COLUMN_GROUP + (COLUMN_GROUP - 1) / 2.0
-    azimuths = azimuth_of(group, columns)
+    azimuths = column_azimuths(columns)
     true_azimuth, true_elevation, elevation = wall_lines(chain, heights, azimuths, turn)
     pixels = camera.project_level(level_directions(true_azimuth, true_elevation), gravity)
     inside = camera.contains(pixels).astype(np.float64)

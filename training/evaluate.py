@@ -12,6 +12,8 @@ import torch
 import tyro
 
 from galoc.detect.strip import COLUMN_GROUP, elevation_of
+from galoc.formats.atomic import write_atomic
+from galoc.metrics import roc_auc
 from training.loss import inputs
 from training.readout import KNOTS_DEG, NAMES, Readout
 from training.stream import TRAIN_HOMES, Frames, furnished, photograph
@@ -139,16 +141,6 @@ def edge_metrics(edge: dict[int, np.ndarray], frames: dict[int, Frames]) -> dict
     return {"edge_precision": hits / max(found_count, 1), "edge_recall_isolated": wanted_hit / max(wanted_count, 1)}
 
 
-def auc(score: np.ndarray, positive: np.ndarray) -> float:
-    """Area under the ROC curve: how often a positive has the higher score."""
-    order = np.argsort(score)
-    rank = np.empty(len(score))
-    rank[order] = np.arange(1, len(score) + 1)
-    count = np.count_nonzero(positive)
-    other = len(score) - count
-    return float((rank[positive].sum() - count * (count + 1) / 2.0) / max(count * other, 1))
-
-
 def measure(readout: Readout, frames: dict[int, Frames]) -> tuple[dict[str, Any], Residuals]:
     """All metrics of a network, and the residuals behind them."""
     outputs = {width: read(readout, part) for width, part in frames.items()}
@@ -159,7 +151,7 @@ def measure(readout: Readout, frames: dict[int, Frames]) -> tuple[dict[str, Any]
     shown |= edge_metrics({width: out["edge"] for width, out in outputs.items()}, frames)
     score = np.concatenate([o["visible"].max(axis=1).mean(axis=1) for o in outputs.values()])
     share = np.concatenate([(f.seen == 2).any(axis=1).mean(axis=1) for f in frames.values()])
-    shown["blind_auc"] = auc(score, share > BLIND_SHARE)
+    shown["blind_auc"] = roc_auc(score, share > BLIND_SHARE)
     shown["blind_share"] = float(np.mean(share <= BLIND_SHARE))
     return shown, residuals
 
@@ -175,7 +167,7 @@ def main(options: Options) -> None:
     shown |= {"frames_trained": facts["frames"], "calibration_deg": calibration.round(3).tolist()}
     for name, value in shown.items():
         print(f"{name:<28}{value if not isinstance(value, float) else round(value, 4)}")
-    (options.out / "metrics.json").write_text(json.dumps(shown, indent=1))
+    write_atomic(options.out / "metrics.json", json.dumps(shown, indent=1).encode())
 
 
 if __name__ == "__main__":

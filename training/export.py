@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ import torch
 import tyro
 
 from galoc.detect.strip import BLOCK, MOST_COLUMNS, ROWS
+from galoc.formats.atomic import write_atomic
 from training.evaluate import fitted_calibration, measure, validation
 from training.readout import NAMES, Readout
 from training.trainer import CHECKPOINT, load_average
@@ -67,9 +67,7 @@ def export(readout: Readout, path: Path, facts: dict[str, Any]) -> None:
         entry.key, entry.value = key, value
     onnx.checker.check_model(model)
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(f".{os.getpid()}.part")
-    part.write_bytes(model.SerializeToString())
-    part.replace(path)
+    write_atomic(path, model.SerializeToString())
 
 
 def _stripped(model: Any) -> None:
@@ -120,7 +118,7 @@ def main(options: Options) -> None:
     export(readout, options.model, facts)
     digest = hashlib.sha256(options.model.read_bytes()).hexdigest()
     beside = {"sha256": digest, **facts}
-    options.model.with_suffix(".json").write_text(json.dumps(beside, indent=1, sort_keys=True) + "\n")
+    write_atomic(options.model.with_suffix(".json"), (json.dumps(beside, indent=1, sort_keys=True) + "\n").encode())
     difference = compare(readout, options.model)
     print(f"{options.model}  {options.model.stat().st_size / 1e6:.2f} MB  onnxruntime against torch: {difference:.2e}")
     if difference > 1e-3:

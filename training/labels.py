@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from galoc import Camera
 from galoc.camera import level_angles, level_directions, levelling
-from galoc.detect.strip import COLUMN_GROUP, ROWS, STEP_RAD, azimuth_of, elevation_of, row_of, strip_pixels
+from galoc.detect.strip import STEP_RAD, column_azimuths, row_of, strip_pixels
 from galoc_env.render import Frame
 from galoc_env.scene import Scene
 from galoc_env.truth import JOIN_RANGE, visible_panels
@@ -66,8 +66,7 @@ def label(scene: Scene, camera: Camera, view: View, frame: Frame, columns: int) 
     chain = WallChain(panels)
     heights = np.array([scene.plan.ceiling_height - view.height_m, -view.height_m])
     turn = levelling(view.measured) @ levelling(view.gravity).T
-    group = np.arange(columns // COLUMN_GROUP) * COLUMN_GROUP + (COLUMN_GROUP - 1) / 2.0
-    azimuth, elevation, seen = wall_lines(chain, heights, azimuth_of(group, columns), turn)
+    azimuth, elevation, seen = wall_lines(chain, heights, column_azimuths(columns), turn)
     pixels = camera.project_level(level_directions(azimuth, elevation), view.gravity)
     there = chain.covers(azimuth)
     in_frame = camera.contains(pixels) & there
@@ -146,6 +145,3 @@ def _semantic(camera: Camera, view: View, frame: Frame, columns: int) -> NDArray
     col = np.clip(np.rint(x), 0, camera.width - 1).astype(np.int64)
     row = np.clip(np.rint(y), 0, camera.height - 1).astype(np.int64)
     return np.where(inside, frame.semantic[row, col], 0).astype(np.uint8)
-
-
-assert math.isclose(float(elevation_of(ROWS / 2 - 0.5)), 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import time
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from galoc import Floorplan, GalocError
 from galoc.detect.strip import upright_strip
+from galoc.formats.atomic import write_atomic
 from galoc_env.homes import generate
 from galoc_env.imaging import Imaging
 from galoc_env.render import make_renderer
@@ -65,10 +67,9 @@ class Frames:
 
     def save(self, path: Path) -> None:
         """Write a shard; it appears whole or not at all."""
-        part = path.with_suffix(f".{os.getpid()}.part")
-        with part.open("wb") as file:
-            np.savez(file, **{f.name: getattr(self, f.name) for f in fields(self)})
-        part.replace(path)
+        file = io.BytesIO()
+        np.savez(file, **{f.name: getattr(self, f.name) for f in fields(self)})
+        write_atomic(path, file.getvalue())
 
     @classmethod
     def load(cls, path: Path) -> Frames:
@@ -125,9 +126,9 @@ def stretched(plan: Floorplan, rng: np.random.Generator) -> Floorplan:
     return replace(plan, segments=plan.segments * factors, openings=openings, outline=outline, ceiling_height=ceiling)
 
 
-def furnished(seed: int, rng: np.random.Generator, split: str = "train") -> Scene:
-    """A home of a split, furnished anyhow; some are stretched to larger buildings."""
-    plan = generate(seed, split=split)
+def furnished(seed: int, rng: np.random.Generator) -> Scene:
+    """A home of the train split, furnished anyhow; some are stretched to larger buildings."""
+    plan = generate(seed, split="train")
     if rng.random() < STRETCHED_SHARE:
         plan = stretched(plan, rng)
     furniture = float(rng.beta(1.4, 1.2))
@@ -150,7 +151,6 @@ def generate_forever(folder: Path, seed: int, most_shards: int, *, stop: Path, n
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng([seed, time.time_ns()])
     waiting: dict[int, list[Frames]] = {width: [] for width in WIDTHS}
-    count = 0
     while not stop.exists() and os.getppid() == parent:
         try:
             scene = furnished(int(rng.integers(TRAIN_HOMES)), rng)
@@ -162,7 +162,6 @@ def generate_forever(folder: Path, seed: int, most_shards: int, *, stop: Path, n
             while len(frames) >= SHARD:
                 Frames.joined(frames[:SHARD]).save(folder / f"w{width}-{seed:02d}-{time.time_ns()}.npz")
                 del frames[:SHARD]
-                count += 1
         mine = sorted(folder.glob(f"w*-{seed:02d}-*.npz"), key=lambda p: p.name.rsplit("-", 1)[1])
         for old in mine[: max(0, len(mine) - most_shards)]:
             old.unlink(missing_ok=True)

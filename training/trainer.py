@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
-import os
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from galoc.formats.atomic import write_atomic
 from training.augment import augmented
 from training.loss import inputs, losses, targets, total
 from training.network import LayoutNet, Shape
@@ -158,8 +159,6 @@ class Trainer:
 
     def save(self) -> None:
         """Write the checkpoint; it appears whole or not at all."""
-        path = self.folder / CHECKPOINT
-        part = path.with_suffix(f".{os.getpid()}.part")
         state: dict[str, Any] = {
             "net": self.net.state_dict(),
             "average": self._average,
@@ -169,8 +168,9 @@ class Trainer:
             "seconds": self.seconds,
             "frames": self.steps * self.plan.batch,
         }
-        torch.save(state, part)
-        part.replace(path)
+        file = io.BytesIO()
+        torch.save(state, file)
+        write_atomic(self.folder / CHECKPOINT, file.getvalue())
 
 
 def load_average(path: Path) -> tuple[LayoutNet, dict[str, Any]]:

@@ -20,7 +20,7 @@ from galoc.camera import Camera, azimuth, levelling
 from galoc.detect.chains import CORNER_JUMP, HIGHEST, STEP, Chain, best_chain
 from galoc.detect.columns import Columns
 from galoc.detect.pictures import checked_picture, is_blank
-from galoc.detect.strip import COLUMN_GROUP, azimuth_of, columns_for
+from galoc.detect.strip import COLUMN_GROUP, azimuth_of, column_azimuths, columns_for
 from galoc.errors import GalocError
 from galoc.types import Wireframe
 
@@ -107,8 +107,7 @@ class LinesDetector:
         picture = checked_picture(image, camera)
         levelling(gravity)  # refuses what is no gravity
         width = columns_for(camera)
-        group = np.arange(width // COLUMN_GROUP) * COLUMN_GROUP + (COLUMN_GROUP - 1) / 2.0
-        azimuths, edges = azimuth_of(group, width), azimuth_of(np.arange(width), width)
+        azimuths, edges = column_azimuths(width), azimuth_of(np.arange(width), width)
         segments = _segments(picture, camera, gravity, self.config)
         frames = _frames(segments, self.config)
         if is_blank(picture) or len(frames) == 0:

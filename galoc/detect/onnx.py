@@ -21,7 +21,16 @@ from galoc.camera import Camera, levelling
 from galoc.detect.columns import Columns
 from galoc.detect.model import COLUMNS, GRAPH, Model, shipped_model
 from galoc.detect.pictures import checked_picture, is_blank
-from galoc.detect.strip import BLOCK, COLUMN_GROUP, MOST_COLUMNS, ROWS, Strip, azimuth_of, upright_strip
+from galoc.detect.strip import (
+    BLOCK,
+    COLUMN_GROUP,
+    MOST_COLUMNS,
+    ROWS,
+    Strip,
+    azimuth_of,
+    column_azimuths,
+    upright_strip,
+)
 from galoc.errors import GalocError
 from galoc.types import Wireframe
 
@@ -172,8 +181,7 @@ def infer(model: Model, strip: NDArray[np.float32]) -> dict[str, NDArray[np.floa
 
 def columns_of(outputs: dict[str, NDArray[np.float64]], width: int) -> Columns:
     """Columns of the outputs for a strip of so many columns."""
-    group = np.arange(width // COLUMN_GROUP) * COLUMN_GROUP + (COLUMN_GROUP - 1) / 2.0
-    return Columns(azimuths=azimuth_of(group, width), edge_azimuths=azimuth_of(np.arange(width), width), **outputs)
+    return Columns(azimuths=column_azimuths(width), edge_azimuths=azimuth_of(np.arange(width), width), **outputs)
 
 
 def check_signature(model: Model) -> None:

@@ -59,6 +59,11 @@ def azimuth_of(column: ArrayLike, columns: int) -> Array:
     return np.asarray((np.asarray(column, np.float64) + 0.5 - columns / 2.0) * STEP_RAD)
 
 
+def column_azimuths(columns: int) -> Array:
+    """(W // COLUMN_GROUP,) azimuth of the columns of boundary angles of a strip of W columns, rad, right positive."""
+    return azimuth_of(np.arange(columns // COLUMN_GROUP) * COLUMN_GROUP + (COLUMN_GROUP - 1) / 2.0, columns)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Strip:
     """An image as the network sees it."""
@@ -76,8 +81,7 @@ class Strip:
     @property
     def azimuths(self) -> Array:
         """(W // COLUMN_GROUP,) azimuth of the columns of boundary angles, rad, right positive."""
-        group = np.arange(self.columns // COLUMN_GROUP) * COLUMN_GROUP + (COLUMN_GROUP - 1) / 2.0
-        return azimuth_of(group, self.columns)
+        return column_azimuths(self.columns)
 
 
 def upright_strip(image: NDArray[np.uint8], camera: Camera, gravity: ArrayLike, columns: int | None = None) -> Strip:

@@ -18,6 +18,7 @@ from galoc.metrics import (
     recall,
     reliability,
     risk_coverage,
+    roc_auc,
     steps_to_converge,
     success,
     summarize_sequence,
@@ -170,3 +171,10 @@ def test_confidence_that_is_none_is_refused(confidence: list, correct: list) -> 
 def test_no_bins_are_refused() -> None:
     with pytest.raises(GalocError, match="bins"):
         reliability([0.5], [True], bins=0)
+
+
+def test_roc_auc_counts_pairs() -> None:
+    assert roc_auc(np.array([0.1, 0.2, 0.8, 0.9]), np.array([False, False, True, True])) == 1.0
+    assert roc_auc(np.array([0.9, 0.1]), np.array([False, True])) == 0.0
+    assert roc_auc([0.5, 0.5, 0.7], [True, False, True]) == 0.75  # the tie counts half
+    assert math.isnan(roc_auc([0.1, 0.2], [True, True]))

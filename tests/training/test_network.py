@@ -9,7 +9,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="needs the extra `train` (torch)")
 
 from galoc.detect.strip import ROWS, elevation_of  # noqa: E402
-from training.evaluate import Residuals, auc, fitted_calibration  # noqa: E402
+from training.evaluate import Residuals, fitted_calibration  # noqa: E402
 from training.export import compare, export  # noqa: E402
 from training.loss import inputs, losses, targets  # noqa: E402
 from training.network import LayoutNet, Shape  # noqa: E402
@@ -117,11 +117,6 @@ def test_mirrored_pictures_are_read_alike():
         one, other = readout(strip), readout(strip.flip(3))
     for a, b in zip(one, other, strict=True):
         assert torch.allclose(a, b.flip(2), atol=1e-5)
-
-
-def test_auc():
-    assert auc(np.array([0.1, 0.2, 0.8, 0.9]), np.array([False, False, True, True])) == 1.0
-    assert auc(np.array([0.9, 0.1]), np.array([False, True])) == 0.0
 
 
 def test_exported_model_says_what_the_network_says(tmp_path):

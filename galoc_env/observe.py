@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from galoc import Camera, Estimate, Floorplan, GalocError, Wireframe
 from galoc.heights import Heights
+from galoc_env import plugin
 from galoc_env.motion import STEP_M, TURN_RAD
 from galoc_env.sensors import DRIFT_RAD_PER_M
 
@@ -63,18 +63,12 @@ def make_localizer(settings: Settings, plan: Floorplan, camera: Camera) -> Seque
             odometry_turn_deg=math.degrees(turn_sd),
         )
         return Localizer(plan, camera, geometry=settings.geometry, scoring=settings.scoring, config=config)
-    module, _, attribute = name.partition(":")
     expected = '"galoc", "none" or "module:Class"'
-    if not module or not attribute:
-        raise GalocError(f"localizer = {name!r}", expected, "Use one of the names, or point to a class you can import.")
     try:
-        found: Any = importlib.import_module(module)
-        for part in attribute.split("."):
-            found = getattr(found, part)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise GalocError(
-            f"localizer = {name!r} ({error})", expected, "Check that the module can be imported."
-        ) from error
+        found, _ = plugin.load(name)
+    except plugin.LOADING as error:
+        cure = "Use one of the names, or point to a class you can import."
+        raise GalocError(f"localizer = {name!r} ({error})", expected, cure) from error
     localizer = found(plan, camera)
     missing = [method for method in ("reset", "step") if not callable(getattr(localizer, method, None))]
     if missing:

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
-import importlib
-import importlib.util
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from pathlib import Path
 from typing import Any
 
 from galoc import GalocError
-from galoc_env import stress_claims
+from galoc_env import plugin, stress_claims
 from galoc_env.homes import KINDS
 from galoc_env.stress_scenes import Condition
 from galoc_env.stress_scores import BUILT_IN, Solver, built_in, score, summary
@@ -81,29 +76,19 @@ def _text(level: Any) -> str:
 
 
 def load_solver(spec: str) -> tuple[Solver, str | None]:
-    """A solver from ``package.module:function`` or ``file.py:function``, and the file of its module.
+    """A solver from ``package.module:function`` or ``file.py:function``, and the digest of its module's file.
 
     Raises:
         GalocError: no such module or function.
     """
-    place, _, name = spec.rpartition(":")
     wanted = "module:function or file.py:function, called like galoc.pairs.solve_pairs without method"
     try:
-        if place.endswith(".py"):
-            module_spec = importlib.util.spec_from_file_location(Path(place).stem, place)
-            assert module_spec is not None and module_spec.loader is not None
-            module = importlib.util.module_from_spec(module_spec)
-            module_spec.loader.exec_module(module)
-        else:
-            if str(Path.cwd()) not in sys.path:
-                sys.path.insert(0, str(Path.cwd()))
-            module = importlib.import_module(place)
-        solver = getattr(module, name)
-    except (ImportError, AttributeError, ValueError, FileNotFoundError) as error:
+        solver, module = plugin.load(spec)
+    except plugin.LOADING as error:
         raise GalocError(f"--solver {spec} ({error})", wanted, "Check the path and the name.") from error
     if not callable(solver):
         raise GalocError(f"--solver {spec}, which is no function", wanted, "Name a function.")
-    return solver, getattr(module, "__file__", None)
+    return solver, plugin.digest(module)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,10 +124,7 @@ class Plan:
 
     def job(self) -> dict[str, Any]:
         """What a partial result belongs to; an edited solver file makes another job."""
-        digest = None
-        if self.solver is not None:
-            file = load_solver(self.solver)[1]
-            digest = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else None
+        digest = None if self.solver is None else load_solver(self.solver)[1]
         conditions = [asdict(c) for c in self.conditions]
         own = {"frames": self.frames, "seed": self.seed, "solver": self.solver, "solver_sha256": digest}
         return {**own, "conditions": conditions, "claims": list(self.claims)}

@@ -1,6 +1,5 @@
-"""Policies that choose the next viewpoint to localize faster."""
+"""Policies that choose the next viewpoint to localize faster; each is a module of its own, named in the README."""
 
-from galoc_agents.policy import Policy, RandomPolicy, SpinPolicy
-from galoc_agents.run import Episode, run_episode
+from galoc_env.policy import BeliefView, Policy, Robot, make_policy, named
 
-__all__ = ["Episode", "Policy", "RandomPolicy", "SpinPolicy", "run_episode"]
+__all__ = ["BeliefView", "Policy", "Robot", "make_policy", "named"]

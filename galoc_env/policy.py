@@ -146,4 +146,4 @@ def make_policy(name: str) -> Policy:
     missing = [method for method in ("reset", "act") if not callable(getattr(policy, method, None))]
     if missing:
         raise GalocError(f"policy {name!r} without {missing}", "methods reset and act", "Add them to the class.")
-    return policy  # type: ignore[no-any-return]
+    return policy

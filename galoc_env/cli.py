@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ class WorldOptions:
     steps: int = 60
     """Actions per walk."""
     seed: int = 0
-    """Seed of start, walk and noise (evaluate: of the first walk)."""
+    """Seed of start, walk and noise (evaluate: of the first episode)."""
     detector: str = "onnx"
     """What finds the walls: onnx (learned, looks at the picture), lines (line segments in the picture) or oracle (the
     true walls plus noise)."""
@@ -48,6 +47,8 @@ class WorldOptions:
     """likelihood or cosine; only paper with cosine is the paper's method."""
     split: str = "train"
     """Which generated homes: train or test."""
+    homes: str = "rooms"
+    """Sort of generated homes: rooms, or ambiguous, where views repeat."""
 
     def arguments(self) -> dict[str, Any]:
         """Arguments for the environment."""
@@ -63,6 +64,7 @@ class WorldOptions:
             "geometry",
             "scoring",
             "split",
+            "homes",
         )
         return {name: getattr(self, name) for name in shared} | {"width": 640, "height": 480}
 
@@ -101,58 +103,67 @@ class Demo(WorldOptions):
 
 @dataclass(frozen=True)
 class Evaluate(WorldOptions):
-    """Score the localizer over many walks. With --detector oracle, which does not look at pixels, nothing is drawn."""
+    """Score a policy, and the localizer along its way, over many episodes.
 
+    Without --policy the scripted walker walks. A policy that raises, hangs or returns what is no action loses that
+    episode, and the run goes on. With --detector oracle nothing is drawn unless --renderer says so.
+    """
+
+    policy: str = "patrol"
+    """Name of an installed policy (random, spin, ...), "module:Class" or "file.py:Class". patrol is the scripted
+    walker, which sees the truth."""
+    set: str | None = None
+    """A fixed set of worlds and starts: homes-test (100 test homes), ambiguous (60 generated plans in which views
+    repeat) or buildings (the plans of --plans). Left out: --plan or --split, with seeds from --seed on."""
+    plans: Path | None = None
+    """With --set buildings: folder of plan files; episodes go through them by name, again and again."""
     episodes: int = 20
-    """Walks, with seeds from --seed on."""
-    jobs: int = 1
+    """Episodes; the first ones of a set are in as many different plans as it has. A later run with more of them
+    keeps those that are done."""
+    workers: int = 1
     """Processes."""
-    out: Path = Path("runs/evaluate.json")
-    """Result file. A run that was stopped goes on where it was: finished walks wait in FILE.partial.jsonl."""
+    act_timeout: float = 60.0
+    """Seconds that a policy has for one action, or for its reset, before it is stopped."""
+    actions: str = "discrete"
+    """discrete or continuous."""
+    localizer: str = "galoc"
+    """What finds the pose: galoc, or your own "module:Class"."""
+    renderer: str | None = None
+    """What draws: raster, gl or none. Left out: raster, but none with --detector oracle."""
+    out: Path = Path("runs/evaluate")
+    """Folder for episodes.jsonl, summary.json, timing.csv, success.png and error.png. A stopped run goes on where it
+    was."""
 
     def run(self) -> None:
         """Run the command."""
         from tqdm import tqdm
 
-        from galoc.formats.atomic import write_atomic
-        from galoc_env import detection, evaluate
-        from galoc_env.env import FloorplanEnv
-        from galoc_env.film import writable_folder
+        from galoc_env import benchmark_sets, detection, evaluate, evaluate_report
 
         self.check()
-        if self.episodes < 1 or self.jobs < 1:
-            raise GalocError(f"--episodes {self.episodes} --jobs {self.jobs}", "at least 1 of each", "Pass 1 or more.")
-        if self.out.is_dir():
-            raise GalocError(f"--out {str(self.out)!r}, a folder", "a file to write to", "Name a file inside it.")
-        arguments = self.arguments()
-        if self.detector == "oracle":
-            arguments["renderer"] = "none"
-        FloorplanEnv(**arguments).close()  # refuses bad arguments before anything is written
-        job = {"arguments": arguments, "steps": self.steps, "model": detection.model(self.detector)}
-        writable_folder(self.out.parent)
-        partial = evaluate.Partial(self.out.with_name(self.out.name + ".partial.jsonl"), job)
-        done = partial.load()
-        if partial.dropped:
-            print(f"galoc-env: {partial.dropped}", file=sys.stderr)
-        seeds = range(self.seed, self.seed + self.episodes)
-        missing = [s for s in seeds if s not in done]
-        with tqdm(total=len(seeds), initial=len(seeds) - len(missing), desc="walks", unit="walk") as bar:
-            for episode in evaluate.run_seeds(arguments, missing, self.steps, self.jobs):
-                partial.add(episode)
-                done[episode["seed"]] = episode
-                bar.update()
-        episodes = [done[s] for s in seeds]
-        summary = evaluate.summarize(episodes, self.steps)
-        result = {
-            "settings": {**job, "seed": self.seed, "episodes": self.episodes},
-            "summary": summary,
-            "walks": episodes,
-        }
-        write_atomic(self.out, (json.dumps(evaluate.jsonable(result), indent=1) + "\n").encode())
-        partial.remove()
-        print(evaluate.table(episodes, summary))
+        if self.set is not None and self.plan is not None:
+            raise GalocError(f"--set {self.set} with --plan {self.plan}", "one of the two", "Leave one of them out.")
+
+        def note(text: str) -> None:
+            tqdm.write(f"galoc-env: {text}", file=sys.stderr)
+
+        chosen = benchmark_sets.make_set(self.set, self.plans, self.seed, note)
+        job = evaluate.make_job(self.policy, self.world(), self.steps, chosen, self.act_timeout)
+        with tqdm(total=self.episodes, desc="episodes", unit="episode") as bar:
+
+            def track(done: int, total: int) -> None:
+                bar.n = bar.initial = done if bar.n == 0 else bar.initial
+                bar.update(done - bar.n)
+
+            found = evaluate.evaluate(job, self.episodes, self.workers, self.out, note=note, track=track)
+        print(evaluate_report.table(found))
         print(f"detector {detection.described(self.detector)}")
-        print(f"numbers  {self.out}")
+        print("\n".join(f"written  {file}" for file in found.files))
+
+    def world(self) -> dict[str, Any]:
+        """Arguments for the environment."""
+        drawn = self.renderer or ("none" if self.detector == "oracle" else "raster")
+        return {**self.arguments(), "actions": self.actions, "localizer": self.localizer, "renderer": drawn}
 
 
 @dataclass(frozen=True)

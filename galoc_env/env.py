@@ -68,12 +68,18 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
     | `error` | -min(position error, 10), m |
     | `success` | 1 at the first step that ends 10 consecutive ones within 0.5 m of the true position, else 0 |
 
-    The first two need a localizer with a belief. With `localizer="none"` nothing is scored and the reward is 0.
+    - The first two need a localizer with a belief. With `localizer="none"` nothing is scored and the reward is 0.
+    - They are changes of a potential, so an episode's return is the last value minus that of the reset, whatever lies
+      between: at most log(1e6) = 13.8 either way for `log_belief`, and log of the number of cells for `infogain`. A
+      belief that does not change earns nothing; standing still earns what a second look tells. Sooner is better only
+      under a discount.
+    - `error` is -10 to 0 at every step, standing still included, and -10 where there is no estimate. The return of
+      `success` is 0 or 1.
 
     ## Starting state
     A random pose in the largest region in which the body can roam, uniform over its cells, heading uniform. With
-    `plan=None` the world is a generated home: `reset(seed=s)` draws home number `s` modulo 100000 of `split`; later
-    resets without a seed stay in that home. The same seed gives the same bytes.
+    `plan=None` the world is a generated home (of the sort `homes`): `reset(seed=s)` draws home number `s` modulo
+    100000 of `split`; later resets without a seed stay in that home. The same seed gives the same bytes.
 
     `reset` options: `"pose"`: (x, y, heading) to start from; `"plan_seed"`: number of the home (only with
     `plan=None`), whatever the seed.
@@ -87,6 +93,7 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
     |---|---|---|
     | `plan` | None | plan file or name of a shipped plan ("apartment"); None: a home generated from the seed |
     | `split` | "train" | "train" or "test": which homes are generated |
+    | `homes` | "rooms" | "rooms": :mod:`galoc_env.homes`; "ambiguous": :mod:`galoc_env.ambiguous`, views repeat |
     | `detector` | "onnx" | what finds the walls: "onnx", "lines" or "oracle" (below) |
     | `detector_noise_px` | 5.0 | "oracle" only: sd of each junction coordinate, px of a 640 px wide image |
     | `localizer` | "galoc" | "galoc", "none" or "module:Class" (below) |
@@ -146,6 +153,7 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
         self,
         plan: str | None = None,
         split: str = "train",
+        homes: str = "rooms",
         detector: str = DEFAULT_DETECTOR,
         detector_noise_px: float = settings.NOISE_PX,
         localizer: str = "galoc",

@@ -1,323 +1,265 @@
-"""Rollouts of the scripted walker, and what they say about the localizer."""
+"""Evaluation of a policy and of the localizer along its way: episodes, their rows, and a run that can be stopped.
+
+A run leaves in its folder ``episodes.jsonl`` (one line per episode), ``summary.json``, ``timing.csv``, ``success.png``
+and ``error.png``. Times are kept apart: the first two are the same to the last byte however often it was stopped.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from galoc import GalocError
-from galoc.metrics import HOLD, RECALL_THRESHOLDS_M, SUCCESS_THRESHOLDS_M, recall, steps_to_converge, success
-from galoc_env import detection
+from galoc.formats.atomic import write_atomic
+from galoc_env import detection, evaluate_figures, evaluate_report, plugin
+from galoc_env.benchmark_sets import EpisodeSet
 from galoc_env.env import FloorplanEnv
-from galoc_env.patrol import Patrol
-from galoc_env.settings import DEFAULT_DETECTOR
+from galoc_env.film import writable_folder
+from galoc_env.partial import Partial, another_run, json_lines, jsonable
+from galoc_env.play import Rollout, Step, rollout, steps_table
+from galoc_env.player import Game
+from galoc_env.policy import make_policy, named, sees_truth
+from galoc_env.pool import Played, Pool
 
-BOOTSTRAP_DRAWS = 2000
-"""Resamples of the episodes behind each interval."""
+__all__ = [
+    "Evaluation", "Job", "Partial", "Rollout", "Step", "evaluate", "jsonable", "make_job", "rollout", "steps_table",
+]  # fmt: skip
 
+EPISODES, SUMMARY, TIMING, PARTIAL = "episodes.jsonl", "summary.json", "timing.csv", "partial.jsonl"
+"""Files of a run."""
+HELD_M = (0.5, 0.3, 0.1)
+"""Distances of the steps_to rows, m."""
+DIGITS = 4
+"""Decimals of the curves in a row: a tenth of a millimetre."""
 
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One observation of a rollout."""
-
-    pose: tuple[float, float, float]
-    """True x, y m, heading rad."""
-    estimate: tuple[float, float, float] | None
-    """Estimated pose; None where there was nothing to report."""
-    error_m: float
-    """Position error, m; infinity without an estimate."""
-    error_rad: float
-    """Heading error, rad; pi without an estimate."""
-    entropy: float
-    """Of the belief, nats; NaN without one."""
-    coverage: float
-    """Share of rays known, 0..1."""
-    abstained: bool
-    """This image showed no usable structure."""
-    collided: bool
-    """The walker touched something on the way here."""
+Row = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Rollout:
-    """One walk; ``steps[0]`` is the observation of the reset."""
+class Job:
+    """What is evaluated; episodes of another job are never mixed in."""
 
-    seed: int
-    plan: str
-    steps: tuple[Step, ...]
+    game: Game
+    """Policy, environment, steps, model."""
+    episode_set: EpisodeSet
+    """Worlds and starts."""
+    digest: str | None
+    """Of the policy's module file."""
+    sees_truth: bool
+    """The policy is told the truth: a bound."""
+    act_timeout: float
+    """What one call of the policy may take, s."""
 
-    @property
-    def errors_m(self) -> list[float]:
-        """Position error per observation, m."""
-        return [s.error_m for s in self.steps]
-
-    def metrics(self) -> dict[str, Any]:
-        """Recall, success under both protocols, convergence and final error of this walk."""
-        errors = self.errors_m
+    def described(self) -> dict[str, Any]:
+        """The job as JSON data."""
         return {
-            "seed": self.seed,
-            "plan": self.plan,
-            "steps_to_converge": steps_to_converge(errors),
-            "final_error_m": errors[-1],
-            "recall": recall(errors, [s.error_rad for s in self.steps]),
-            "success": {
-                p: {f"{x:g}m": success(errors, x, p) for x in SUCCESS_THRESHOLDS_M} for p in ("paper", "f3loc")
-            },
-            "coverage": float(np.mean([s.coverage for s in self.steps])),
-            "abstained": float(np.mean([s.abstained for s in self.steps])),
-            "collisions": sum(s.collided for s in self.steps),
+            "policy": self.game.policy,
+            "digest": self.digest,
+            "sees_truth": self.sees_truth,
+            **self.episode_set.described(),
+            "arguments": self.game.arguments,
+            "steps": self.game.steps,
+            "model": self.game.model,
+            "act_timeout": self.act_timeout,
         }
 
 
-def rollout(
-    env: FloorplanEnv,
-    seed: int,
-    steps: int,
-    *,
-    options: dict[str, Any] | None = None,
-    on_step: Callable[[FloorplanEnv], None] | None = None,
-) -> Rollout:
-    """Let the scripted walker walk one episode.
+def make_job(
+    policy: str, arguments: dict[str, Any], steps: int, episode_set: EpisodeSet, act_timeout: float = 60.0
+) -> Job:
+    """Put a job together, and refuse what cannot run before anything is written.
 
     Args:
-        env: unwrapped, discrete actions, with a localizer.
-        seed: of the environment and of the walker.
-        steps: actions; the rollout has one observation more.
-        options: of the reset.
-        on_step: called after the reset and after every step.
-    """
-    if env.settings.actions != "discrete" or env.settings.localizer == "none":
-        raise GalocError("an environment without localizer or discrete actions", "both", "Change its arguments.")
-    _, info = env.reset(seed=seed, options=options)
-    assert env.world is not None
-    walker = Patrol(env.world, np.random.default_rng([seed, 1]))
-    taken = [_step(info)]
-    if on_step:
-        on_step(env)
-    for _ in range(steps):
-        _, _, _, _, info = env.step(walker.action(info["pose"]))
-        taken.append(_step(info))
-        if on_step:
-            on_step(env)
-    return Rollout(seed, env.world.plan.name, tuple(taken))
-
-
-def _step(info: dict[str, Any]) -> Step:
-    estimate = info["estimate"]
-    x, y, heading = (float(v) for v in info["pose"])
-    found = tuple(float(v) for v in estimate) if math.isfinite(info["error_m"]) else None
-    return Step(
-        (x, y, heading),
-        found,  # type: ignore[arg-type]
-        float(info["error_m"]),
-        float(info["error_rad"]),
-        float(info.get("entropy", math.nan)),
-        float(info["coverage"]),
-        bool(info["abstained"]),
-        bool(info["collided"]),
-    )
-
-
-def run_seeds(arguments: dict[str, Any], seeds: Sequence[int], steps: int, jobs: int) -> Iterator[dict[str, Any]]:
-    """Metrics of the walks of these seeds, as they finish.
-
-    Args:
-        arguments: of :class:`FloorplanEnv`.
-        seeds: one walk each.
-        steps: actions per walk.
-        jobs: processes; 1 runs here.
+        policy: name, "module:Class" or "file.py:Class".
+        arguments: of :class:`FloorplanEnv`; the set's go before them. The reward plays no part.
+        steps: actions per episode.
+        episode_set: worlds and starts.
+        act_timeout: what one call of the policy may take, s.
 
     Raises:
-        GalocError: bad arguments, or the detector's model was replaced before all processes had opened it.
+        GalocError: no such policy, one that cannot be made, bad arguments, a missing model, numbers out of range.
     """
-    if jobs <= 1 or len(seeds) <= 1:
-        env = FloorplanEnv(**arguments)
-        try:
-            for seed in seeds:
-                yield rollout(env, seed, steps).metrics()
-        finally:
-            env.close()
-        return
-    import multiprocessing
-
-    model = detection.model(arguments.get("detector", DEFAULT_DETECTOR))
-    with multiprocessing.get_context("spawn").Pool(min(jobs, len(seeds)), _start_worker, (arguments,)) as pool:
-        yield from pool.imap_unordered(_work, [(seed, steps, model) for seed in seeds])
+    if steps < 1 or not 0.0 < act_timeout < math.inf:
+        got = f"--steps {steps} --act-timeout {act_timeout:g}"
+        raise GalocError(got, "at least 1 step and a time above 0 s", "Pass such numbers.")
+    digest, truth = inspect_policy(policy)
+    # Rewards are not looked at, and this one suits localizers without a belief too.
+    arguments = {**arguments, **episode_set.arguments, "reward": "error"}
+    env = FloorplanEnv(**arguments)
+    env.close()
+    game = Game(policy, arguments, steps, detection.model(env.settings.detector))
+    return Job(game, episode_set, digest, truth, act_timeout)
 
 
-_worker_env: FloorplanEnv | None = None
-
-
-def _start_worker(arguments: dict[str, Any]) -> None:
-    """Give a worker process its environment; Ctrl-C is the parent's business."""
-    import signal
-
-    global _worker_env
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _worker_env = FloorplanEnv(**arguments)
-
-
-def _work(task: tuple[int, int, str | None]) -> dict[str, Any]:
-    assert _worker_env is not None
-    seed, steps, model = task
-    found = detection.model(_worker_env.settings.detector)
-    if found != model:
-        cure = "Its file was replaced meanwhile: start the command again."
-        raise GalocError(f"a worker with model {found}", f"model {model}, as the others have", cure)
-    return rollout(_worker_env, seed, steps).metrics()
-
-
-def summarize(episodes: Sequence[dict[str, Any]], steps: int) -> dict[str, Any]:
-    """Means over episodes with 95 % intervals: bootstrap over episodes, Wilson for shares of yes/no walks.
+def inspect_policy(policy: str) -> tuple[str | None, bool]:
+    """Make a policy once, to see that it can be made.
 
     Returns:
-        name -> {"value", "low", "high"}; values are None where nothing converged.
+        First digits of the digest of its module file, and whether it sees the truth.
+
+    Raises:
+        GalocError: no such policy, or it cannot be made.
     """
-    rows: dict[str, list[float]] = {}
-    converged = [math.inf if e["steps_to_converge"] is None else e["steps_to_converge"] for e in episodes]
-    for by in (10, 30):  # convergence must hold for ten steps, so later ones need longer walks
-        if by + HOLD <= steps:
-            rows[f"converged by step {by}"] = [float(c <= by) for c in converged]
-    rows["converged at all"] = [float(math.isfinite(c)) for c in converged]
-    for key in [*(f"{x:g}m" for x in RECALL_THRESHOLDS_M), "1m30deg"]:
-        rows[f"recall {key}"] = [e["recall"][key] for e in episodes]
-    for protocol in ("paper", "f3loc"):
-        for x in SUCCESS_THRESHOLDS_M:
-            rows[f"SR {x:g}m ({protocol})"] = [float(e["success"][protocol][f"{x:g}m"]) for e in episodes]
-    out: dict[str, Any] = {
-        "steps to converge (median)": _interval(converged, _median),
-        "final error m (median)": _interval([e["final_error_m"] for e in episodes], _median),
+    try:
+        made = make_policy(policy)
+        module = plugin.load(named().get(policy, policy))[1]
+    except GalocError as error:
+        got = error.got if error.got.startswith("policy") else f"policy {policy!r} with {error.got}"
+        raise GalocError(got, error.expected, error.cure) from error
+    except Exception as error:  # of the user's code: of any kind
+        got = f"policy {policy!r}, which raised {type(error).__name__} when it was made: {error}"
+        raise GalocError(got, "a class that is made without arguments", "Mend it.") from error
+    digest = plugin.digest(module)
+    return None if digest is None else digest[: detection.DIGITS], sees_truth(made)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evaluation:
+    """What a run found."""
+
+    job: Job
+    rows: list[Row]
+    """One per episode, as in ``episodes.jsonl``."""
+    timing: list[Row]
+    """"episode", "seconds" and "act_cpu_ms" of each."""
+    summary: dict[str, evaluate_report.Line]
+    """Statistics by name."""
+    files: list[Path]
+
+
+def evaluate(
+    job: Job,
+    episodes: int,
+    workers: int,
+    out: Path,
+    *,
+    note: Callable[[str], None] = lambda text: None,
+    track: Callable[[int, int], None] = lambda done, total: None,
+) -> Evaluation:
+    """Play the first episodes of a job, but those that the folder already holds, and write what came out.
+
+    Args:
+        job: what is evaluated.
+        episodes: how many.
+        workers: processes.
+        out: folder, made if needed.
+        note: is told what was not taken over, and why.
+        track: is told how many episodes are done, at the start and after each.
+
+    Raises:
+        GalocError: numbers out of range, a folder that cannot be written, an environment that cannot be made.
+    """
+    if episodes < 1 or workers < 1:
+        raise GalocError(f"--episodes {episodes} --workers {workers}", "at least 1 of each", "Pass 1 or more.")
+    folder = writable_folder(out)
+    partial, rows = _resumed(folder, job, note)
+    wanted = [job.episode_set.task(number) for number in range(episodes)]
+    missing = [task for task in wanted if task.seed not in rows]
+    track(episodes - len(missing), episodes)
+    pool = Pool(job.game, min(workers, max(1, len(missing))), job.act_timeout)
+    try:
+        for i, played in enumerate(pool.play(missing), 1):
+            row = _row(job, played)
+            partial.add(row)
+            rows[played.task.seed] = jsonable(row)
+            track(episodes - len(missing) + i, episodes)
+    finally:
+        pool.close()
+    found = _written(folder, job, [rows[task.seed] for task in wanted])
+    if len(rows) == episodes:  # else it goes on holding those that nobody asked for this time
+        partial.remove()
+    return found
+
+
+def _row(job: Job, played: Played) -> Row:
+    """An episode as JSON data; the times in it are taken out before it is published."""
+    walk, task = played.walk, played.task
+    found = walk.metrics()
+    return {
+        "episode": task.episode,
+        "seed": task.seed,
+        "plan": Path(task.plan).name if task.plan else walk.plan,
+        "policy": job.game.policy,
+        **{f"steps_to_{x:g}m": walk.steps_to(x) for x in HELD_M},
+        "final_error_m": found["final_error_m"],
+        "final_error_rad": walk.steps[-1].error_rad,
+        "path_m": round(walk.path_m(), DIGITS),
+        "turns_rad": round(walk.turns_rad(), DIGITS),
+        "collisions": found["collisions"],
+        "abstentions": sum(s.abstained for s in walk.steps),
+        **{key: found[key] for key in ("abstained", "coverage", "recall", "success")},
+        "failure": walk.failure,
+        "error_m": [round(s.error_m, DIGITS) for s in walk.steps],
+        "entropy": [round(s.entropy, DIGITS) for s in walk.steps],
+        "timing": {"seconds": round(played.seconds, 3), "act_cpu_ms": played.act_cpu_ms},
     }
-    out |= {name: _share([float(v) for v in values]) for name, values in rows.items()}
-    return out
 
 
-def _median(values: Any) -> float:
-    """Lower median: stays a number of the sample, infinity included."""
-    return float(np.sort(values)[(len(values) - 1) // 2])
+def _resumed(folder: Path, job: Job, note: Callable[[str], None]) -> tuple[Partial, dict[int, Row]]:
+    """Episodes of this very job that the folder holds, by seed: of a stopped run and of a finished one."""
+    partial = Partial(folder / PARTIAL, job.described())
+    rows = {seed: jsonable(row) for seed, row in partial.load().items()}
+    if partial.dropped is not None:
+        note(partial.dropped)
+    finished = json_lines(folder / EPISODES)
+    try:
+        theirs = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["job"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return partial, rows
+    if theirs != jsonable(job.described()):
+        if not rows and finished:
+            note(another_run(EPISODES, len(finished), theirs, job.described()))
+        return partial, rows
+    times = _times(folder / TIMING)
+    for row in finished:
+        if row["seed"] not in rows:
+            rows[row["seed"]] = {**row, "timing": times.get(row["episode"], {"seconds": None, "act_cpu_ms": None})}
+            partial.add(rows[row["seed"]])
+    return partial, rows
 
 
-def _interval(values: Sequence[float], statistic: Callable[[Any], float]) -> dict[str, float | None]:
-    sample = np.asarray(values, dtype=np.float64)
-    rng = np.random.default_rng(0)  # the interval of the same episodes is always the same
-    draws = [statistic(sample[rng.integers(len(sample), size=len(sample))]) for _ in range(BOOTSTRAP_DRAWS)]
-    low, high = (float(np.sort(draws)[int(q * (BOOTSTRAP_DRAWS - 1))]) for q in (0.025, 0.975))
-    return {"value": _finite(statistic(sample)), "low": _finite(low), "high": _finite(high)}
+def _times(path: Path) -> dict[int, Row]:
+    """The times of finished episodes; none where the file was lost or spoilt."""
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            return {
+                int(line["episode"]): {
+                    key: float(line[key]) if line[key] else None for key in ("seconds", "act_cpu_ms")
+                }
+                for line in csv.DictReader(file)
+            }
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
 
 
-def _share(values: Sequence[float]) -> dict[str, float | None]:
-    """Mean with its interval; shares of yes/no walks get Wilson's, since resampling 20 of 20 shows no spread at all."""
-    if not set(values) <= {0.0, 1.0}:
-        return _interval(values, lambda v: float(np.mean(v)))
-    from scipy.stats import binomtest
-
-    found = binomtest(int(sum(values)), len(values)).proportion_ci(0.95, method="wilson")
-    return {"value": float(np.mean(values)), "low": float(found.low), "high": float(found.high)}
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def jsonable(value: Any) -> Any:
-    """The same data with None for numbers that JSON does not have (NaN, infinity)."""
-    if isinstance(value, dict):
-        return {str(k): jsonable(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [jsonable(v) for v in value]
-    if isinstance(value, float | np.floating):
-        return _finite(float(value))
-    if isinstance(value, np.integer | np.bool_):
-        return value.item()
-    return value
-
-
-def table(episodes: Sequence[dict[str, Any]], summary: dict[str, Any]) -> str:
-    """Walks and summary, for people."""
-    lines = [f"{'seed':>6}  {'plan':<22} {'converged':>9}  {'final m':>8}  {'<0.5 m':>7}  {'known':>6}  {'bumps':>5}"]
-    for e in episodes:
-        step = "-" if e["steps_to_converge"] is None else f"step {e['steps_to_converge']}"
-        final = f"{e['final_error_m']:.2f}" if math.isfinite(e["final_error_m"]) else "-"
-        shares = f"{100 * e['recall']['0.5m']:5.0f} %  {100 * e['coverage']:4.0f} %"
-        lines.append(f"{e['seed']:>6}  {e['plan'][:22]:<22} {step:>9}  {final:>8}  {shares}  {e['collisions']:>5}")
-    lines += ["", f"{'over ' + str(len(episodes)) + ' walks':<30} {'value':>8}   95 % interval"]
-    for name, row in summary.items():
-        percent = not name.endswith("(median)")
-        cells = [
-            "-" if row[k] is None else f"{100 * row[k]:.0f} %" if percent else f"{row[k]:.2f}"
-            for k in ("value", "low", "high")
-        ]
-        lines.append(f"{name:<30} {cells[0]:>8}   {cells[1]} to {cells[2]}")
-    return "\n".join(lines)
-
-
-def steps_table(walk: Rollout) -> list[dict[str, Any]]:
-    """The steps of a walk as JSON rows."""
-    return [{"step": i, **jsonable(asdict(step))} for i, step in enumerate(walk.steps)]
-
-
-class Partial:
-    """Episodes finished so far, one JSON line each, beside the output; the first line says what they belong to."""
-
-    def __init__(self, path: Path, job: dict[str, Any]) -> None:
-        self.path, self._job = path, jsonable(job)
-        self.dropped: str | None = None
-        """What :meth:`load` did not take over, for people; None: nothing was there, or all of it."""
-
-    def load(self) -> dict[int, dict[str, Any]]:
-        """Finished episodes by seed; none if the file is of another job. A torn last line is dropped."""
-        try:
-            lines = self.path.read_text(encoding="utf-8").splitlines()
-        except FileNotFoundError:
-            lines = []
-        rows = []
-        for line in lines:
-            try:
-                rows.append(json.loads(line))
-            except json.JSONDecodeError:
-                break
-        if not rows or rows[0] != self._job:
-            self.dropped = self._difference(rows) if len(rows) > 1 else None
-            rows = [self._job]
-        # Written anew: the torn line must not swallow the next one.
-        from galoc.formats.atomic import write_atomic
-
-        write_atomic(self.path, ("".join(json.dumps(row) + "\n" for row in rows)).encode())
-        return {row["seed"]: _revived(row) for row in rows[1:]}
-
-    def _difference(self, rows: list[dict[str, Any]]) -> str:
-        """How another job differs from this one, and what is lost with it."""
-        theirs, ours = _flat(rows[0]), _flat(self._job)
-        keys = [key for key in {**theirs, **ours} if theirs.get(key) != ours.get(key)]
-        parts = ", ".join(f"{key} {theirs.get(key)} there, {ours.get(key)} now" for key in keys)
-        return f"{self.path.name} holds {len(rows) - 1} finished of another run ({parts}); starting anew"
-
-    def add(self, episode: dict[str, Any]) -> None:
-        """Append a finished episode."""
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(jsonable(episode)) + "\n")
-
-    def remove(self) -> None:
-        """The result is written: the partial has done its work."""
-        self.path.unlink(missing_ok=True)
-
-
-def _flat(job: Any) -> dict[str, Any]:
-    """The settings of a job by name, whatever group they are in."""
-    out: dict[str, Any] = {}
-    for key, value in job.items() if isinstance(job, dict) else ():
-        out.update(value if isinstance(value, dict) else {key: value})
-    return out
-
-
-def _revived(row: dict[str, Any]) -> dict[str, Any]:
-    """An episode read back: an error that JSON could not hold was infinite."""
-    if "final_error_m" not in row:
-        return row
-    return {**row, "final_error_m": math.inf if row["final_error_m"] is None else row["final_error_m"]}
+def _written(folder: Path, job: Job, kept: list[Row]) -> Evaluation:
+    """Write the files of a run."""
+    rows = [{key: value for key, value in row.items() if key != "timing"} for row in kept]
+    timing = [{"episode": row["episode"], **row["timing"]} for row in kept]
+    summary = evaluate_report.summarize(rows, job.game.steps)
+    told = {
+        "job": job.described(),
+        "episodes": len(rows),
+        "summary": {name: asdict(line) for name, line in summary.items()},
+        "failures": [row["failure"] for row in rows if row["failure"] is not None],
+    }
+    table = io.StringIO()
+    writer = csv.DictWriter(table, list(timing[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(timing)
+    title = evaluate_report.title(job, rows)
+    contents = {
+        EPISODES: "".join(json.dumps(row) + "\n" for row in rows).encode(),
+        SUMMARY: (json.dumps(jsonable(told), indent=1) + "\n").encode(),
+        TIMING: table.getvalue().encode(),
+        "success.png": evaluate_figures.success(rows, job.game.steps, title),
+        "error.png": evaluate_figures.error(rows, job.game.steps, title),
+    }
+    files = [write_atomic(folder / name, data) for name, data in contents.items()]
+    return Evaluation(job, rows, timing, summary, files)

@@ -42,19 +42,28 @@ def generate(seed: int, *, kind: str | None = None, split: str = "train") -> Flo
     Raises:
         GalocError: seed out of range, unknown kind or split.
     """
-    if split not in SPLITS:
-        raise GalocError(f"split = {split!r}", f"one of {sorted(SPLITS)}", "Fix the split.")
-    if kind is not None and kind not in KINDS:
-        raise GalocError(f"kind = {kind!r}", f"one of {KINDS} or None", "Fix the kind.")
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < SEEDS_PER_SPLIT:
-        raise GalocError(f"seed = {seed!r}", f"a whole number from 0 to {SEEDS_PER_SPLIT - 1}", "Choose another seed.")
-    rng = np.random.default_rng([SPLITS[split] + int(seed), _VERSION])
+    rng = np.random.default_rng([internal_seed(seed, split, kind, KINDS), _VERSION])
     drawn = KINDS[int(rng.integers(len(KINDS)))]
     for _ in range(_ATTEMPTS):
         plan = _attempt(rng, kind or drawn, f"home-{split}-{int(seed)}")
         if plan is not None:
             return plan
     raise GalocError(f"seed {seed} that gave no sound home", "a seed that works", "Choose another seed and report it.")
+
+
+def internal_seed(seed: int, split: str, kind: str | None, kinds: Sequence[str]) -> int:
+    """The seed that a generator draws from: no two splits share one.
+
+    Raises:
+        GalocError: seed out of range, unknown split, or a kind that is not among ``kinds``.
+    """
+    if split not in SPLITS:
+        raise GalocError(f"split = {split!r}", f"one of {sorted(SPLITS)}", "Fix the split.")
+    if kind is not None and kind not in kinds:
+        raise GalocError(f"kind = {kind!r}", f"one of {kinds} or None", "Fix the kind.")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < SEEDS_PER_SPLIT:
+        raise GalocError(f"seed = {seed!r}", f"a whole number from 0 to {SEEDS_PER_SPLIT - 1}", "Choose another seed.")
+    return SPLITS[split] + int(seed)
 
 
 def _attempt(rng: np.random.Generator, kind: str, name: str) -> Floorplan | None:

@@ -1,19 +1,22 @@
 """A scripted walker: wanders from room to room with the discrete actions.
 
-It knows the true pose and the map, so it is a way to make trajectories (for films, evaluation and data), not a policy:
-an agent that is to be localized does not have what it uses. Policies live in `galoc_agents`.
+It knows the true pose and every obstacle, so it is a way to make trajectories (for films, evaluation and data): an
+agent that is to be localized does not have what it uses. As the policy "patrol" it says so; others live in
+`galoc_agents`.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from galoc_env import motion
 from galoc_env.motion import FORWARD, LEFT, RIGHT, STEP_M, TURN_RAD, Walkable
+from galoc_env.policy import Robot
 from galoc_env.world import World
 
 Array = NDArray[np.float64]
@@ -118,6 +121,27 @@ class Patrol:
         centres = self._grid.origin + (self._cells[:, ::-1] + 0.5) * self._grid.resolution
         row, col = self._cells[int(np.argmin(np.sum((centres - xy) ** 2, axis=1)))]
         return int(self._node[row, col])
+
+
+class Patroller:
+    """The scripted walker as a policy, "patrol"; told the truth, in a world that it must ``enter`` first."""
+
+    sees_truth = True
+    _SPEEDS = {FORWARD: (1, 0, 0), LEFT: (0, 0, 1), RIGHT: (0, 0, -1)}
+
+    def enter(self, world: World) -> None:
+        """Get to know the obstacles of the next episodes."""
+        self._world = world
+
+    def reset(self, robot: Robot) -> None:
+        """Start a walk."""
+        self._discrete = robot.actions == "discrete"
+        self._walker = Patrol(self._world, np.random.default_rng([robot.seed, 1]))
+
+    def act(self, observation: dict[str, NDArray[Any]], info: dict[str, Any]) -> Any:
+        """The next action, from the true pose."""
+        action = self._walker.action(info["pose"])
+        return action if self._discrete else np.array(self._SPEEDS[action], np.float32)
 
 
 def _coarse(fine: Walkable) -> Walkable:

@@ -118,13 +118,16 @@ def sees_truth(policy: object) -> bool:
 
 ENTRY_POINTS = "galoc.policies"
 """Group of entry points by which a package gives its policies names."""
+BUILT_IN = {"patrol": "galoc_env.patrol:Patroller"}
+"""Policies of this package: the scripted walker, which sees the truth."""
 
 
 def named() -> dict[str, str]:
     """Names of the installed policies and where they are, "module:Class"."""
     from importlib.metadata import entry_points
 
-    return {point.name: point.value for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda p: p.name)}
+    found = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
+    return dict(sorted((BUILT_IN | found).items()))
 
 
 def make_policy(name: str) -> Policy:

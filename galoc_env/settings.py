@@ -22,6 +22,7 @@ DEFAULT_DETECTOR = "onnx"
 """What finds the walls."""
 CHOICES: dict[str, tuple[str, ...]] = {
     "split": ("train", "test"),
+    "homes": ("rooms", "ambiguous"),
     "detector": ("onnx", "oracle", "lines"),
     "geometry": ("ml", "paper"),
     "scoring": ("likelihood", "cosine"),
@@ -70,6 +71,7 @@ class Settings:
 
     plan: str | None = None
     split: str = "train"
+    homes: str = "rooms"
     detector: str = DEFAULT_DETECTOR
     detector_noise_px: float = NOISE_PX
     localizer: str = "galoc"

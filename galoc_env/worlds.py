@@ -58,8 +58,9 @@ class Worlds:
             self._kept.pop(other).close()
         plan = self._fixed
         if plan is None:
-            from galoc_env.homes import generate
+            from galoc_env import ambiguous, homes
 
+            generate = homes.generate if self._settings.homes == "rooms" else ambiguous.generate
             plan = generate(number, split=self._settings.split)
         world = self._kept[number] = World.build(plan, number, self._settings)
         return world

@@ -3,6 +3,7 @@
 import importlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -31,6 +32,9 @@ TINY = {
     "ladder": ["--homes", "1", "--frames", "1", "--jobs", "1"],
     "gallery": ["--homes", "1", "--frames", "3", "--count", "2"],
     "filter": ["--plans", "apartment", "--walks", "1", "--steps", "3", "--particles", "300"],
+    "active": ["--policies", "stay", "spin", "no_such", "patrol", "--against", "spin", "--sets", "homes-test",
+               "--episodes", "2", "--steps", "12", "--width", "64"],
+    "ppo_curve": ["--homes", "2", "--steps", "12", "--jobs", "1"],
 }  # fmt: skip
 ROWS = {"single_image": "frames", "sequences": "walks"}
 
@@ -163,6 +167,46 @@ def test_tiny_run_of_the_gallery(repo: Path, tmp_path: Path) -> None:
     assert 1 <= len(iou) <= 3 and f"{min(iou):.2f}" in done.stdout
 
 
+def test_tiny_run_of_the_policy_leaderboard(repo: Path, tmp_path: Path) -> None:
+    done = run(repo, "active", tmp_path / "tiny")
+    assert done.returncode == 0, done.stderr
+    text = (tmp_path / "tiny.json").read_text()
+    assert "Infinity" not in text and "NaN" not in text
+    assert (tmp_path / "tiny.png").read_bytes().startswith(b"\x89PNG")
+    result = json.loads(text)
+    assert list(result["missing"]) == ["no_such"] and "not run: no_such: " in done.stdout
+    stay, spin, patrol = result["scores"]["homes-test"]
+    assert patrol["sees_truth"] and "patrol *" in done.stdout and not spin["sees_truth"]
+    assert spin["capped_ratio"] is None and stay["capped_ratio"] is not None
+    assert stay["path"]["value"] == 0.0 and all(0.0 <= s["capped"]["value"] <= 12.0 for s in (stay, spin, patrol))
+    assert (tmp_path / "tiny.md").read_text().count("\n| spin ") == 1
+    # What is done is not done again.
+    kept = tmp_path / "tiny" / "homes-test" / "spin" / "episodes.jsonl"
+    rows = [json.loads(line) for line in kept.read_text().splitlines()]
+    kept.write_text("".join(json.dumps({**row, "path_m": 123.0}) + "\n" for row in rows))
+    assert run(repo, "active", tmp_path / "tiny", "--policies", "spin").returncode == 0
+    assert json.loads((tmp_path / "tiny.json").read_text())["scores"]["homes-test"][0]["path"]["value"] == 123.0
+
+
+def test_tiny_run_of_the_learning_curve(repo: Path, tmp_path: Path) -> None:
+    runs = []
+    for seed in (0, 1):
+        folder = tmp_path / f"ppo{seed}"
+        folder.mkdir()
+        shutil.copy(repo / "assets" / "models" / "ppo.onnx", folder)
+        rows = [[1024.0 * (i + 1), 9.0 * i, 90.0 * i, 8.0 - i, 1.0, -0.5] for i in range(5 + seed)]
+        kept = {"job": {"sees": "profile"}, "seconds": 60.0, "rows": rows}
+        (folder / "progress.json").write_text(json.dumps(kept))
+        runs.append(str(folder))
+    done = run(repo, "ppo_curve", tmp_path / "tiny", "--runs", *runs)
+    assert done.returncode == 0, done.stderr
+    scores = json.loads((tmp_path / "tiny.json").read_text())["scores"]
+    assert (tmp_path / "tiny.png").read_bytes().startswith(b"\x89PNG")
+    assert list(scores) == ["random", "spin", "ppo0", "ppo1"] and all(name in done.stdout for name in scores)
+    assert scores["ppo0"]["steps"] == scores["ppo1"]["steps"]  # the same network on the same episodes
+    assert scores["spin"]["minus_spin"]["value"] == 0.0
+
+
 @pytest.mark.parametrize("script", list(ROWS))
 def test_tiny_run_and_its_resumption(script: str, repo: Path, tmp_path: Path) -> None:
     out = tmp_path / "results" / "tiny.v1"  # a dot in the name is no suffix
@@ -220,6 +264,10 @@ def _check(script: str, result: dict[str, Any]) -> None:
         ("render", ["--shown", "4"]),
         ("env", ["--lanes", "0"]),
         ("env", ["--kinds", "magic"]),
+        ("ppo_curve", ["--homes", "0"]),
+        ("ppo_curve", ["--runs", "no_such"]),
+        ("active", ["--episodes", "0"]),
+        ("active", ["--policies", "magic"]),
     ],
 )
 def test_bad_flags_are_named(script: str, flags: list[str], repo: Path, tmp_path: Path) -> None:

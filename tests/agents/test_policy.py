@@ -1,83 +1,158 @@
-import gymnasium
+"""The plain policies: deterministic, blind to the truth, and doing what they say."""
+
 import numpy as np
 import pytest
-from galoc_agents import RandomPolicy, SpinPolicy, run_episode
+from galoc_agents import make_policy, named
+from galoc_agents.random_walk import RandomWalk
+from galoc_agents.spin import Spin
+from galoc_agents.stay import Stay
 from small_world import small_plan
 
+from galoc import GalocError
+from galoc_env.env import FloorplanEnv
+from galoc_env.motion import FORWARD, LEFT, RIGHT, STEP_M
+from galoc_env.play import play
+from galoc_env.policy import TOLD, Robot, sees_truth, told
+
 STEPS = 40
+POLICIES = [Stay, RandomWalk, Spin]
+MOVING, STUCK = ({"odometry": np.array([forward, 0.0, 0.0])} for forward in (STEP_M, 0.01))
 
 
-@pytest.fixture
-def env(tmp_path):
-    plan = str(small_plan().save(tmp_path / "small.json"))
-    env = gymnasium.make(
-        "galoc_env:GALoc-Floorplan-v0",
-        max_episode_steps=STEPS,
-        plan=plan,
+@pytest.fixture(params=["discrete", "continuous"])
+def env(request, tmp_path):
+    made = FloorplanEnv(
+        plan=str(small_plan().save(tmp_path / "small.json")),
         localizer="small_world:DeadReckoner",
         reward="error",
         renderer="none",
         detector="oracle",
         width=32,
         height=24,
+        actions=request.param,
     )
-    yield env
-    env.close()
+    yield made
+    made.close()
 
 
-def policies(env):
-    return [RandomPolicy(env.action_space), SpinPolicy(walk_steps=5)]
+class OnlyTold(dict):
+    """Raises on everything that a robot does not have."""
+
+    def _check(self, key):
+        assert key in TOLD, f"a policy read {key}, which only the environment knows"
+
+    def __getitem__(self, key):
+        self._check(key)
+        return super().__getitem__(key)
+
+    def get(self, key, default=None):
+        self._check(key)
+        return super().get(key, default)
+
+    def __contains__(self, key):
+        self._check(key)
+        return super().__contains__(key)
+
+    def _all(self):
+        raise AssertionError("a policy went through all that there is")
+
+    __iter__ = keys = values = items = _all
 
 
-def test_an_episode_runs_to_the_time_limit_and_adds_up(env):
-    for policy in policies(env):
-        episode = run_episode(env, policy, seed=1)
-        assert episode.steps == STEPS and not episode.terminated
-        assert -10.0 * STEPS <= episode.total_reward < 0.0
-        assert 0.0 <= episode.metrics["recall_1m"] <= 1.0
+def robot(env, seed=0):
+    env.reset(seed=0)
+    return Robot.of(env, seed, STEPS)
 
 
-def test_same_seed_same_episode(env):
-    for policy in policies(env):
-        assert run_episode(env, policy, seed=2) == run_episode(env, policy, seed=2)
-        assert run_episode(env, policy, seed=2) != run_episode(env, policy, seed=3)
+@pytest.mark.parametrize("made", POLICIES)
+def test_same_seed_same_actions_and_all_of_them_in_the_space(made, env):
+    def actions(seed):
+        policy = made()
+        policy.reset(robot(env, seed))
+        observation, info = env.reset(seed=0)
+        taken = []
+        for _ in range(STEPS):
+            taken.append(policy.act(observation, told(policy, info)))
+            assert env.action_space.contains(taken[-1])
+            observation, _, _, _, info = env.step(taken[-1])
+        return np.array(taken)
+
+    np.testing.assert_array_equal(actions(1), actions(1))
+    if made is RandomWalk:
+        assert not np.array_equal(actions(1), actions(2))
 
 
-def test_random_policy_leaves_the_environments_own_space_alone(env):
+@pytest.mark.parametrize("made", POLICIES)
+def test_a_second_episode_begins_afresh(made, env):
+    policy = made()
+    first, _ = play(env, policy, 3, STEPS)
+    play(env, policy, 4, STEPS // 2)
+    again, _ = play(env, policy, 3, STEPS)
+    assert first == again and first.failure is None
+
+
+@pytest.mark.parametrize("made", POLICIES)
+def test_policies_never_look_at_the_truth(made, env):
+    policy = made()
+    assert not sees_truth(policy)
+    policy.reset(robot(env))
+    observation, info = env.reset(seed=0)
+    for _ in range(STEPS):
+        observation, _, _, _, info = env.step(policy.act(observation, OnlyTold(info)))
+
+
+def test_what_is_told_has_no_truth_in_it(env):
+    _, info = env.reset(seed=0)
+    assert {"pose", "error_m", "error_rad", "metrics"} <= set(info)
+    assert not {"pose", "error_m", "error_rad", "metrics"} & set(told(Stay(), info))
+    with pytest.raises(AssertionError, match="pose"):
+        OnlyTold(info)["pose"]
+
+
+def test_random_walk_leaves_the_environments_own_space_alone(env):
     env.action_space.seed(0)
-    policy = RandomPolicy(env.action_space)
-    policy.reset(5)
-    first = [policy.act({}, {}) for _ in range(5)]
-    env_draws = [env.action_space.sample() for _ in range(5)]
+    expected = np.array([env.action_space.sample() for _ in range(5)])
     env.action_space.seed(0)
-    assert env_draws == [env.action_space.sample() for _ in range(5)]
-    policy.reset(5)
-    assert first == [policy.act({}, {}) for _ in range(5)]
+    policy = RandomWalk()
+    policy.reset(robot(env, 7))
+    for _ in range(5):
+        policy.act({}, {})
+    np.testing.assert_array_equal(expected, [env.action_space.sample() for _ in range(5)])
 
 
-def test_spin_turns_once_around_then_walks_and_turns_away_when_stuck(env):
-    policy = SpinPolicy(walk_steps=3)
-    policy.reset(0)
-    moving, stuck = {"odometry": np.array([0.3, 0, 0])}, {"odometry": np.array([0.01, 0, 0])}
-    assert [policy.act(moving, {}) for _ in range(12)] == [2] * 12
-    walked = [policy.act(moving, {}) for _ in range(12 + 3)]
-    assert walked == [2] * 12 + [0] * 3
-    policy.reset(0)
-    for _ in range(24):
-        policy.act(moving, {})
-    assert policy.act(moving, {}) == 0
-    assert policy.act(stuck, {}) == 2
+def moves(env, policy, observations):
+    """What a policy does, as moves whatever the action space."""
+    found = [policy.act(o, {}) for o in observations]
+    if env.settings.actions == "discrete":
+        return found
+    names = {(1, 0, 0): FORWARD, (0, 0, 1): LEFT, (0, 0, -1): RIGHT, (0, 0, 0): None}
+    return [names[tuple(int(v) for v in action)] for action in found]
 
 
-def test_policies_use_observations_only(env):
-    class Blind(dict):
-        def __getitem__(self, key):
-            raise AssertionError("a policy read the truth")
+def test_stay_goes_nowhere(env):
+    walk, _ = play(env, Stay(), 0, STEPS)
+    assert walk.path_m() == 0.0 and len({round(s.pose[2], 6) for s in walk.steps}) <= 2
 
-        get = __getitem__
 
-    for policy in policies(env):
-        policy.reset(0)
-        observation, _ = env.reset(seed=0)
-        for _ in range(20):
-            policy.act(observation, Blind())
+def test_spin_turns_once_around_then_walks(env):
+    policy = Spin(walk_steps=3)
+    policy.reset(robot(env))
+    assert moves(env, policy, [MOVING] * 27) == [LEFT] * 24 + [FORWARD] * 3
+
+
+def test_spin_turns_away_where_it_is_stopped(env):
+    policy = Spin(walk_steps=3)
+    policy.reset(robot(env))
+    assert moves(env, policy, [MOVING] * 25)[-1] == FORWARD
+    away = moves(env, policy, [STUCK] * 15)
+    turns = away.index(FORWARD)
+    assert 2 <= turns <= 11 and away[:turns] == [LEFT] * turns
+
+
+def test_policies_are_found_by_name():
+    assert {"random", "spin", "stay", "patrol"} <= set(named())
+    assert isinstance(make_policy("spin"), Spin) and isinstance(make_policy("galoc_agents.stay:Stay"), Stay)
+    with pytest.raises(GalocError, match="spin, stay"):
+        make_policy("spinn")
+    with pytest.raises(GalocError, match="reset and act"):
+        make_policy("builtins:dict")

@@ -17,6 +17,7 @@ from small_world import small_plan
 from galoc import assets
 from galoc.detect.model import SHIPPED
 from galoc_env import detection, evaluate
+from galoc_env.benchmark_sets import make_set
 from galoc_env.cli import main
 
 RUN = "import sys; from galoc_env.cli import main; main(sys.argv[1:])"
@@ -67,35 +68,35 @@ def test_demo_writes_film_summary_and_numbers(demo, plan_file):
 
 
 def test_demo_and_evaluation_see_the_same_walk(demo, plan_file, tmp_path):
-    main(["evaluate", "--plan", plan_file, *SHARED, "--episodes", "1", "--out", str(tmp_path / "walks.json")])
+    main(["evaluate", "--plan", plan_file, *SHARED, "--episodes", "1", "--out", str(tmp_path)])
     filmed = json.loads((demo[0] / "result.json").read_text())
-    walk = json.loads((tmp_path / "walks.json").read_text())["walks"][0]
+    (walk,) = map(json.loads, (tmp_path / "episodes.jsonl").read_text().splitlines())
     assert walk["final_error_m"] == filmed["final_error_m"] and walk["recall"] == filmed["recall"]
 
 
-def test_evaluation_resumes_and_cleans_up(plan_file, tmp_path, capsys):
-    out = tmp_path / "walks.json"
-    arguments = ["evaluate", "--plan", plan_file, "--steps", "3", "--detector", "oracle", "--out", str(out)]
+def test_evaluation_says_what_it_found(plan_file, tmp_path, capsys):
+    out = tmp_path / "a new" / "folder"
+    arguments = ["evaluate", "--plan", plan_file, "--steps", "11", "--detector", "oracle", "--out", str(out)]
     main([*arguments, "--episodes", "2"])
-    first = json.loads(out.read_text())
-    partial = tmp_path / "walks.json.partial.jsonl"
-    assert not partial.exists()
-    # A run that was stopped: seed 0 finished (marked), the line of seed 1 torn.
-    marked = {**first["walks"][0], "final_error_m": 7.25}
-    job = {key: first["settings"][key] for key in ("arguments", "steps", "model")}
-    partial.write_text(json.dumps(job) + "\n" + json.dumps(marked) + "\n" + '{"seed": 1, "pl')
-    main([*arguments, "--episodes", "2"])
-    second = json.loads(out.read_text())
-    assert second["walks"][0]["final_error_m"] == 7.25  # taken over
-    assert second["walks"][1] == first["walks"][1]  # walked again
-    said = capsys.readouterr()
-    assert "95 % interval" in said.out and "starting anew" not in said.err
-    # The partial of another job is not taken over.
-    partial.write_text(json.dumps({**job, "steps": 99}) + "\n" + json.dumps(marked) + "\n")
-    main([*arguments, "--episodes", "1"])
-    assert json.loads(out.read_text())["walks"] == first["walks"][:1]
-    said = capsys.readouterr().err
-    assert "1 finished of another run (steps 99 there, 3 now); starting anew" in said
+    said = capsys.readouterr().out
+    assert sorted(p.name for p in out.iterdir()) == [
+        "episodes.jsonl",
+        "error.png",
+        "success.png",
+        "summary.json",
+        "timing.csv",
+    ]
+    for words in ("patrol (sees the truth)", "2 episodes in 1 plan, 11 steps each", "95 % interval over walks",
+                  "recall 0.5m", "SR 0.3m (f3loc)", "steps to 0.5 m, held", "CPU ms", "detector oracle"):  # fmt: skip
+        assert words in said
+    assert str(out / "summary.json") in said
+    assert max(map(len, said.splitlines())) < 120 + len(str(out))
+    told = json.loads((out / "summary.json").read_text(), parse_constant=lambda name: pytest.fail(name))
+    assert told["job"]["policy"] == "patrol" and told["job"]["sees_truth"] and told["episodes"] == 2
+    assert told["job"]["arguments"]["detector_noise_px"] == 5.0 and told["job"]["steps"] == 11
+    rows = [json.loads(line) for line in (out / "episodes.jsonl").read_text().splitlines()]
+    assert [(r["episode"], r["seed"]) for r in rows] == [(0, 0), (1, 1)] and all(len(r["entropy"]) == 12 for r in rows)
+    assert all(cv2.imread(str(out / name)).std() > 10.0 for name in ("success.png", "error.png"))
 
 
 @needs_model
@@ -103,20 +104,22 @@ def test_the_learned_detector_is_the_default_and_its_model_is_named(plan_file, t
     arguments = ["--plan", plan_file, "--steps", "2", "--seed", "1"]
     main(["demo", *arguments, "--out", str(tmp_path)])
     filmed = json.loads((tmp_path / "result.json").read_text())
-    out = tmp_path / "walks.json"
-    partial = tmp_path / "walks.json.partial.jsonl"
+    out = tmp_path / "walks"
     main(["evaluate", *arguments, "--episodes", "1", "--out", str(out)])
-    found = json.loads(out.read_text())
+    found = json.loads((out / "summary.json").read_text())
+    (walk,) = map(json.loads, (out / "episodes.jsonl").read_text().splitlines())
     digits = detection.model("onnx")
-    assert filmed["settings"]["detector"] == found["settings"]["arguments"]["detector"] == "onnx"
-    assert filmed["settings"]["model"] == found["settings"]["model"] == digits
-    assert found["walks"][0]["recall"] == filmed["recall"]  # what is filmed is what is scored
+    assert filmed["settings"]["detector"] == found["job"]["arguments"]["detector"] == "onnx"
+    assert filmed["settings"]["model"] == found["job"]["model"] == digits
+    assert walk["recall"] == filmed["recall"]  # what is filmed is what is scored
     assert f"detector onnx, model {digits}" in capsys.readouterr().out
     # Walks of another model are not mixed in, and that is said.
-    job = {**{key: found["settings"][key] for key in ("arguments", "steps")}, "model": "0123456789ab"}
-    partial.write_text(json.dumps(job) + "\n" + json.dumps({**found["walks"][0], "final_error_m": 7.25}) + "\n")
+    job = {**found["job"], "model": "0123456789ab"}
+    marked = {**walk, "final_error_m": 7.25}
+    (out / "partial.jsonl").write_text(json.dumps(job) + "\n" + json.dumps(marked) + "\n")
+    (out / "summary.json").unlink()
     main(["evaluate", *arguments, "--episodes", "1", "--out", str(out)])
-    assert json.loads(out.read_text()) == found
+    assert json.loads((out / "episodes.jsonl").read_text()) == walk
     assert f"model 0123456789ab there, {digits} now" in capsys.readouterr().err
 
 
@@ -124,25 +127,13 @@ def test_the_learned_detector_is_the_default_and_its_model_is_named(plan_file, t
 @pytest.mark.parametrize(
     "detector", [{"detector": "oracle", "renderer": "none"}, pytest.param({"detector": "onnx"}, marks=needs_model)]
 )
-def test_jobs_do_not_change_the_numbers(plan_file, detector):
+def test_workers_do_not_change_the_numbers(plan_file, detector, tmp_path):
     arguments = {"plan": plan_file, "width": 96, "height": 72, **detector}
-    alone, shared = (list(evaluate.run_seeds(arguments, [0, 1], 3, jobs)) for jobs in (1, 2))
-    assert sorted(shared, key=lambda e: e["seed"]) == alone
-
-
-def test_summary_of_known_walks():
-    def walk(converged, final):
-        shares = {key: 0.5 for key in ("0.1m", "0.3m", "0.5m", "0.7m", "1m", "1m30deg")}
-        success = {p: {f"{x:g}m": converged is not None for x in (1.0, 0.5, 0.3, 0.2, 0.1)} for p in ("paper", "f3loc")}
-        return {"steps_to_converge": converged, "final_error_m": final, "recall": shares, "success": success}
-
-    summary = evaluate.summarize([walk(4, 0.1), walk(31, 0.2), walk(None, 5.0), walk(6, 0.1)], 60)
-    assert summary["converged by step 30"]["value"] == 0.5
-    assert summary["converged at all"]["value"] == 0.75
-    assert summary["steps to converge (median)"] == {"value": 6.0, "low": 4.0, "high": None}
-    assert summary["recall 1m"] == {"value": 0.5, "low": 0.5, "high": 0.5}
-    row = summary["SR 1m (paper)"]
-    assert row["low"] < row["value"] == 0.75 <= row["high"]
+    job = evaluate.make_job("patrol", arguments, 3, make_set(None, None, 0, print))
+    for workers in (1, 2):
+        evaluate.evaluate(job, 3, workers, tmp_path / str(workers))
+    one, two = ((tmp_path / name / "episodes.jsonl").read_bytes() for name in "12")
+    assert one == two
 
 
 @pytest.mark.parametrize(
@@ -156,8 +147,7 @@ def test_summary_of_known_walks():
         ["demo", "--plan", "PLAN", "--detector-noise-px", "3"],
         ["evaluate", "--plan", "PLAN", "--detector-noise-px", "3"],
         ["demo", "--plan", "PLAN", "--out", "PLAN/inside"],
-        ["evaluate", "--plan", "PLAN", "--episodes", "0"],
-        ["evaluate", "--plan", "PLAN", "--out", "PLAN/inside.json"],
+        ["evaluate", "--plan", "PLAN", "--detector", "oracle", "--out", "PLAN/inside"],
     ],
 )
 def test_bad_input_is_one_readable_line(arguments, plan_file, tmp_path, capsys, monkeypatch):

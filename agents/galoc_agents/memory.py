@@ -1,0 +1,92 @@
+"""What a robot remembers of an episode in dead reckoning: how much it saw from where, and what it ran into."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from galoc import Floorplan
+from galoc_agents.moves import BACKWARD, FORWARD, STEP_M
+from galoc_env.motion import BODY_RADIUS
+
+Array = NDArray[np.float64]
+
+SHORT_M = 0.03
+"""A step that falls short by more than this ended at something; odometry's noise is below it."""
+WALL_M = 0.15
+"""A bump this close to a wall of the map is that wall."""
+REACH_M = BODY_RADIUS + 0.02
+"""From the body's centre to what it touches, m."""
+
+
+class Memory:
+    """Views and contacts in the frame of the episode's first pose.
+
+    Args:
+        plan: the map; bumps at its walls are not remembered.
+    """
+
+    def __init__(self, plan: Floorplan) -> None:
+        self._free = plan.free_space(0.05)
+        self._here = np.zeros(3)
+        self._views: list[tuple[Array, float]] = []
+        self._contacts: list[Array] = []
+        self._intended: tuple[int, Array] | None = None
+
+    def intend(self, move: int, pose: ArrayLike) -> None:
+        """Say what the body is about to do.
+
+        Args:
+            move: discrete action.
+            pose: (3,) where the body believes to be.
+        """
+        self._intended = move, np.array(pose, dtype=np.float64)
+
+    def take(self, odometry: NDArray[Any], coverage: float) -> None:
+        """Take the measured motion (3,) since the last call and the share of rays that the view told."""
+        dx, dy, turn = (float(v) for v in odometry)
+        self._here = compose(self._here, np.array([dx, dy, turn]))[0]
+        self._views.append((self._here, coverage))
+        if self._intended is None or self._intended[0] not in (FORWARD, BACKWARD):
+            return
+        ahead = 1.0 if self._intended[0] == FORWARD else -1.0
+        if ahead * dx > STEP_M - SHORT_M:
+            return
+        contact = np.array([[ahead * REACH_M, 0.0, 0.0]])
+        believed = compose(self._intended[1], contact + [dx, 0.0, 0.0])[0, :2]
+        if float(self._free.clearance_at(believed)) > WALL_M:
+            self._contacts.append(compose(self._here, contact)[0, :2])
+
+    def contacts(self, pose: Array) -> Array:
+        """(B, 2) m in the plan: what the body ran into, if it is at this pose (3,)."""
+        points = np.zeros((len(self._contacts), 3))
+        points[:, :2] = np.array(self._contacts).reshape(-1, 2)
+        return compose(pose, relative(self._here, points))[:, :2]
+
+    def __len__(self) -> int:
+        """Views so far."""
+        return len(self._views)
+
+    def views(self, last: int) -> tuple[Array, Array]:
+        """(W, 3) poses of the last views in the present body frame, and (W,) the share of rays that each told."""
+        views = self._views[-last:]
+        poses = np.array([pose for pose, _ in views]).reshape(-1, 3)
+        return relative(self._here, poses), np.array([share for _, share in views])
+
+
+def compose(pose: Array, motion: Array) -> Array:
+    """(N, 3) where motions (N, 3) in the body frame of a pose (3,) lead to."""
+    motion = np.atleast_2d(motion)
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    x, y = motion[:, 0], motion[:, 1]
+    return np.stack([pose[0] + c * x - s * y, pose[1] + s * x + c * y, pose[2] + motion[:, 2]], axis=1)
+
+
+def relative(pose: Array, others: Array) -> Array:
+    """(N, 3) poses (N, 3) in the body frame of a pose (3,)."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    x, y = others[:, 0] - pose[0], others[:, 1] - pose[1]
+    return np.stack([c * x + s * y, c * y - s * x, others[:, 2] - pose[2]], axis=1)

@@ -11,7 +11,7 @@ from numba import njit
 @njit(cache=True, fastmath=True, error_model="numpy")
 def expected_entropy(  # type: ignore[no-untyped-def]
     tree, parent, fresh, hypotheses, outer, prior, near, log_ranges, index, origin, resolution, rays, measured,
-    precision, limit, limit_precision, weight, scale_precision, floor, bump_cost,
+    precision, limit_precision, weight, scale_precision, floor, bump_cost, dead,
 ):  # fmt: skip
     """Expected entropy of the hypotheses after each node of a tree of motions.
 
@@ -22,11 +22,11 @@ def expected_entropy(  # type: ignore[no-untyped-def]
         d      = log r_j - log r_i for rays whose wall line i would see in the image
         s      = sum(p * clip(d, -1, 1)) / (sum(p) + scale_precision)
         cost   = sum(robust(p * (d - s) ** 2)) + scale_precision * s ** 2
-        cost  += sum(robust(q * max(log r_j - limit - s, 0) ** 2)) for the others: their wall is nearer than the limit
-        L[i,j] = max(-weight * cost / 2, floor)            robust(q) = q / (1 + q)
+        cost  += sum(robust(q * max(log r_j - measured - s, 0) ** 2)) for the others: their wall is nearer than that
+        L[i,j] = min(max(dead - weight * cost / 2, floor), 0)            robust(q) = q / (1 + q)
 
-    Views add up along the way, each as far as it is news. Where a wall stops one of i and j and not the other, odometry tells: ``bump_cost``. A
-    hypothesis that is stopped learns no more.
+    Views add up along the way, each as far as it is news. Where a wall stops one of i and j and not the other, odometry
+    tells: ``bump_cost``. A hypothesis that is stopped learns no more.
 
     Args:
         tree: (M, 3) motion from node 0 to each node in the body frame: m, m, rad.
@@ -41,13 +41,13 @@ def expected_entropy(  # type: ignore[no-untyped-def]
         origin: (2,) m.
         resolution: m.
         rays: (R,) whole degrees beside the heading.
-        measured: (R,) least log range at which a wall line is in the image.
+        measured: (R,) least log range at which a wall line is in the image; of a nearer wall no more is known.
         precision: (R, B) 1 / variance over the saturation, by log range: see ``galoc_agents.sight``.
-        limit: (R,) log range that an unseen wall cannot exceed.
         limit_precision: 1 / variance over the saturation.
         weight: of a ray's cost, saturation included.
         scale_precision: as ``precision``.
         floor: least log-likelihood of a view.
+        dead: nats below which views of two hypotheses count as the same: cells of a grid do not stand for poses exactly.
         bump_cost: nats.
 
     Returns:
@@ -65,8 +65,8 @@ def expected_entropy(  # type: ignore[no-untyped-def]
             stopped[node] = stopped[before]
             _look(tree[node], hypotheses, log_ranges, index, origin, resolution, rays, seen, stopped[node])
             _compare(
-                total[node], stopped[node], stopped[before], seen, measured, precision, limit, limit_precision,
-                weight, scale_precision, floor, bump_cost, np.float32(fresh[node]),
+                total[node], stopped[node], stopped[before], seen, measured, precision, limit_precision,
+                weight, scale_precision, floor, bump_cost, dead, np.float32(fresh[node]),
             )  # fmt: skip
         entropy[node] = _entropy(total[node], outer, prior, near)
     return entropy
@@ -93,8 +93,8 @@ def _look(motion, hypotheses, log_ranges, index, origin, resolution, rays, seen,
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def _compare(  # type: ignore[no-untyped-def]
-    total, stopped, stopped_before, seen, measured, precision, limit, limit_precision, weight, scale_precision, floor,
-    bump_cost, fresh,
+    total, stopped, stopped_before, seen, measured, precision, limit_precision, weight, scale_precision, floor,
+    bump_cost, dead, fresh,
 ):  # fmt: skip
     """Add the log-likelihoods of one view to (K, K) totals."""
     k, n = seen.shape
@@ -125,10 +125,10 @@ def _compare(  # type: ignore[no-untyped-def]
                 if p[r] > 0.0:
                     q = p[r] * (d[r] - shift) ** 2
                 else:
-                    beyond = max(seen[j, r] - limit[r] - shift, np.float32(0.0))
+                    beyond = max(seen[j, r] - measured[r] - shift, np.float32(0.0))
                     q = limit_precision * beyond * beyond
                 cost += q / (np.float32(1.0) + q)
-            total[i, j] += fresh * max(np.float32(-0.5) * weight * cost, floor)
+            total[i, j] += fresh * min(max(np.float32(-0.5) * weight * cost + dead, floor), np.float32(0.0))
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")

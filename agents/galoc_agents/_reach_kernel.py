@@ -97,36 +97,40 @@ def _clearance(x, y, clearance, origin, resolution, bumps):  # type: ignore[no-u
 
 
 @njit(cache=True)
-def choose(pose, parent, origin, block, headings, sectors, most):  # type: ignore[no-untyped-def]
+def choose(pose, parent, depth, origin, headings, near_depth, blocks, sectors, most):  # type: ignore[no-untyped-def]
     """A part of the states that covers places and directions, each with the whole way to it.
 
     Args:
         pose: (N, 3) from :func:`reach`.
         parent: (N,) from :func:`reach`.
+        depth: (N,) from :func:`reach`.
         origin: (2,) m.
-        block: m; of the states of one block and sector the first one is taken.
         headings: turns in a full circle.
-        sectors: sectors of directions, a divisor of ``headings``.
+        near_depth: actions up to which a state is near.
+        blocks: (2,) m, near and far; of the states of one block and sector the first one is taken.
+        sectors: (2,) sectors of directions, near and far; divisors of ``headings``.
         most: states at most.
 
     Returns:
         (M,) increasing numbers of the states taken, the start among them.
     """
     count = pose.shape[0]
-    low = pose[:, :2].copy()
-    rows = np.int64(0)
-    cols = np.int64(0)
+    size = np.zeros((2, 2), np.int64)
     for i in range(count):
-        rows = max(rows, np.int64((low[i, 1] - origin[1]) / block) + 1)
-        cols = max(cols, np.int64((low[i, 0] - origin[0]) / block) + 1)
-    met = np.zeros((rows, cols, sectors), np.bool_)
+        for far in range(2):
+            size[far, 0] = max(size[far, 0], int((pose[i, 1] - origin[1]) / blocks[far]) + 1)
+            size[far, 1] = max(size[far, 1], int((pose[i, 0] - origin[0]) / blocks[far]) + 1)
+    met_near = np.zeros((size[0, 0], size[0, 1], sectors[0]), np.bool_)
+    met_far = np.zeros((size[1, 0], size[1, 1], sectors[1]), np.bool_)
     taken = np.zeros(count, np.bool_)
     taken[0] = True
     total = 1
     for i in range(count):
-        row, col = int((pose[i, 1] - origin[1]) / block), int((pose[i, 0] - origin[0]) / block)
+        far = 0 if depth[i] <= near_depth else 1
+        met = met_near if far == 0 else met_far
+        row, col = int((pose[i, 1] - origin[1]) / blocks[far]), int((pose[i, 0] - origin[0]) / blocks[far])
         turned = (pose[i, 2] - pose[0, 2]) / (2.0 * math.pi)
-        sector = int(round(turned * headings)) * sectors // headings % sectors
+        sector = int(round(turned * headings)) * sectors[far] // headings % sectors[far]
         if met[row, col, sector]:
             continue
         met[row, col, sector] = True

@@ -67,13 +67,24 @@ class Explore:
 
     def act(self, observation: dict[str, NDArray[Any]], info: dict[str, Any]) -> Any:
         """The next move."""
+        return as_action(self._robot, self.move(observation))
+
+    def move(self, observation: dict[str, NDArray[Any]]) -> int:
+        """The next move, as one of the discrete actions."""
         self._take(observation)
         if self._here is None:
-            return self._spin.act(observation, info)
-        if not self._queue:
-            self._queue = self._next(self._here)
-        self._last = self._queue.pop(0)
-        return as_action(self._robot, self._last)
+            self._last = self._spin.move(observation)
+        else:
+            if not self._queue:
+                self._queue = self._next(self._here)
+            self._last = self._queue.pop(0)
+        return self._last
+
+    def did(self, move: int) -> None:
+        """Be told that another move than its last answer is made: for policies that ask it only now and then."""
+        if move != self._last:
+            self._last = move
+            self._queue.clear()
 
     def _take(self, observation: dict[str, NDArray[Any]]) -> None:
         """Odometry, bump and estimate of an observation."""

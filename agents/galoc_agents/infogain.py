@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from galoc.likelihood import SATURATION
 from galoc.profiles import ProfileField, profile_field
 from galoc_agents._gain_kernel import expected_entropy, freshness, shares_seen
+from galoc_agents.explore import Explore
 from galoc_agents.hypotheses import Hypotheses
 from galoc_agents.memory import Memory
-from galoc_agents.moves import LEFT, as_action
+from galoc_agents.moves import LEFT, TURNS_AROUND, as_action
 from galoc_agents.sight import Sight
 from galoc_agents.tree import Tree
 from galoc_env.policy import BeliefView, Robot
@@ -21,12 +23,12 @@ Array = NDArray[np.float64]
 
 HYPOTHESES = 32
 """Hypotheses that are told apart."""
-NODES = 600
+NODES = 1000
 """Budget: views predicted per decision. Fewer look less far ahead; any number gives an action."""
-HORIZON = 30
-"""Actions over which the expected entropy is summed."""
+HORIZON = 45
+"""Actions looked ahead, over which the expected entropy is summed."""
 SCALE_SD = 0.15
-"""Spread of the log of the heights, which views are compared up to."""
+"""Spread of the log of the heights, up to which views are compared."""
 TEMPER = 0.5
 """Exponent of the belief's odds: its frames are not as independent as it counts them."""
 FRESH_M, FRESH_RAD = 0.6, math.radians(25.0)
@@ -37,10 +39,14 @@ SHARE_SD = 0.3
 """Spread of the share of rays that a view tells about what is predicted of it."""
 SHARE_MOST = 9.0
 """Squared whitened misfit of that share beyond which it counts no more."""
+DEAD = 1.0
+"""Views of two hypotheses that differ by less than this, nats, are the same: a cell of the grid is no exact pose."""
 FLOOR = -10.0
 """No view makes a hypothesis less likely than this, nats: maps and detectors are wrong now and then."""
 BUMP_NATS = 3.0
 """What it tells that one hypothesis runs into a wall and the other does not."""
+LEAST_NATS, LEAST_SHARE = 0.1, 0.1
+"""A way is worth going if it is expected to tell this much, nats, and this share of what is open."""
 
 
 class InfoGain:
@@ -49,7 +55,8 @@ class InfoGain:
     The belief's leading hypotheses are moved along every short way of the likeliest one (a breadth-first tree over the
     actions); the profile field says what each would see there, and the likelihood how far these views tell them apart.
     The way with the least sum of expected entropy over the next ``HORIZON`` actions is begun, and the next observation
-    decides anew.
+    decides anew. As long as nothing was seen at all it turns around; where no way promises to tell anything, it
+    explores: a belief that is sure may still be wrong, and new walls are what shows it.
 
     Args:
         nodes: budget, views predicted per decision.
@@ -58,6 +65,7 @@ class InfoGain:
 
     def __init__(self, nodes: int = NODES, hypotheses: int = HYPOTHESES) -> None:
         self._nodes, self._most = nodes, hypotheses
+        self._explore = Explore()
         self._field: ProfileField | None = None
 
     def reset(self, robot: Robot) -> None:
@@ -68,19 +76,25 @@ class InfoGain:
             self._log_ranges = np.log(np.maximum(self._field.ranges, 1e-3))
         self._sight = Sight.of(robot.camera)
         self._memory = Memory(robot.plan)
+        self._explore.reset(robot)
         self._left = robot.steps
 
     def act(self, observation: dict[str, NDArray[Any]], info: dict[str, Any]) -> Any:
         """The first move of the best way."""
-        self._memory.take(observation["odometry"], float(info["coverage"]))
+        self._memory.take(observation["odometry"], float(info.get("coverage", 1.0)))
+        onward = self._explore.move(observation)
         belief = self._robot.belief
-        if belief is None:
-            return as_action(self._robot, LEFT)
-        hypotheses = self._considered(belief)
-        move = self._choose(hypotheses, hypotheses.weights)
+        move = onward if belief is None else self._best(belief, info, onward)
+        self._explore.did(move)
         self._left -= 1
-        self._memory.intend(move, hypotheses.poses[0])
         return as_action(self._robot, move)
+
+    def _best(self, belief: BeliefView, info: dict[str, Any], onward: int) -> int:
+        """The move under a belief; ``onward`` where none promises to tell anything."""
+        if self._memory.blind and len(self._memory) <= TURNS_AROUND:
+            return LEFT
+        hypotheses = self._considered(belief)
+        return self._begin(hypotheses, hypotheses.weights, onward)
 
     def _considered(self, belief: BeliefView) -> Hypotheses:
         """The belief's hypotheses, weighed by how much of each view they would have had in the image."""
@@ -89,31 +103,49 @@ class InfoGain:
         every = Hypotheses.of(belief)
         views, told = self._memory.views(VIEWS)
         would = shares_seen(
-            every.poses, views, self._log_ranges, field.index, field.origin, field.resolution, sight.rays, sight.measured
+            every.poses,
+            views,
+            self._log_ranges,
+            field.index,
+            field.origin,
+            field.resolution,
+            sight.rays,
+            sight.measured,
         )
         misfit = np.minimum(np.square((would - told) / SHARE_SD), SHARE_MOST)
-        return every.weighed(-0.5 * np.where(np.isnan(misfit), SHARE_MOST, misfit).sum(axis=1)).tempered(TEMPER).thinned(self._most)
+        misfit[np.isnan(misfit)] = SHARE_MOST
+        return every.weighed(-0.5 * misfit.sum(axis=1)).tempered(TEMPER).thinned(self._most)
 
-    def _choose(self, hypotheses: Hypotheses, outer: Array) -> int:
+    def _begin(self, hypotheses: Hypotheses, outer: Array, onward: int) -> int:
+        """The first move of the way with the least expected cost, from the first of the hypotheses.
+
+        Args:
+            hypotheses: what is to be told apart.
+            outer: (K,) probability of each for the expectation.
+            onward: the move where no way promises to tell anything.
+        """
         pose = hypotheses.poses[0]
         tree = Tree.grow(self._robot.plan, pose, self._memory.contacts(pose), HORIZON, self._nodes)
-        if len(tree.parent) < 2:
-            return LEFT
-        cost = tree.cost(self._expected(tree, hypotheses, outer), min(HORIZON, max(self._left, 1)))
-        return tree.first_move(1 + int(np.argmin(cost[1:])))
+        move = onward
+        if len(tree.parent) > 1:
+            entropy = self._expected(tree, hypotheses, outer)
+            best = 1 + int(np.argmin(tree.cost(entropy, min(HORIZON, max(self._left, 1)))[1:]))
+            if entropy[0] - entropy[best] >= max(LEAST_NATS, LEAST_SHARE * entropy[0]):
+                move = tree.first_move(best)
+        self._memory.intend(move, pose)
+        return move
 
     def _expected(self, tree: Tree, hypotheses: Hypotheses, outer: Array) -> Array:
         """(M,) expected entropy after the way to each node of a tree, nats."""
         field, sight = self._field, self._sight
         assert field is not None
-        limit = sight.measured
         views, _ = self._memory.views(len(self._memory))
         fresh = freshness(tree.motion, tree.parent, views, FRESH_M, FRESH_RAD)
         return np.asarray(
             expected_entropy(
                 tree.motion, tree.parent, fresh, hypotheses.poses, outer, hypotheses.weights, hypotheses.near(),
                 self._log_ranges, field.index, field.origin, field.resolution, sight.rays, sight.measured,
-                sight.precision, limit, sight.limit_precision, sight.weight,
-                np.float32(1.0 / (SCALE_SD**2 * 9.0)), np.float32(FLOOR), np.float32(BUMP_NATS),
+                sight.precision, sight.limit_precision, sight.weight, np.float32(1.0 / (SATURATION * SCALE_SD**2)),
+                np.float32(FLOOR), np.float32(BUMP_NATS), np.float32(DEAD),
             )
         )  # fmt: skip

@@ -18,6 +18,8 @@ SHORT_M = 0.03
 """A step that falls short by more than this ended at something; odometry's noise is below it."""
 WALL_M = 0.15
 """A bump this close to a wall of the map is that wall."""
+BLIND_SHARE = 0.05
+"""A view that tells less than this share of its rays is blind."""
 REACH_M = BODY_RADIUS + 0.02
 """From the body's centre to what it touches, m."""
 
@@ -69,6 +71,11 @@ class Memory:
     def __len__(self) -> int:
         """Views so far."""
         return len(self._views)
+
+    @property
+    def blind(self) -> bool:
+        """Whether no view has told a ray to speak of."""
+        return all(share < BLIND_SHARE for _, share in self._views)
 
     def views(self, last: int) -> tuple[Array, Array]:
         """(W, 3) poses of the last views in the present body frame, and (W,) the share of rays that each told."""

@@ -35,9 +35,13 @@ class Spin:
 
     def act(self, observation: dict[str, NDArray[Any]], info: dict[str, Any]) -> Any:
         """The next move, from the odometry in the observation."""
+        return as_action(self._robot, self.move(observation))
+
+    def move(self, observation: dict[str, NDArray[Any]]) -> int:
+        """The next move, as one of the discrete actions."""
         if self._last == FORWARD and cut_short(observation):
             self._plan = [LEFT] * int(self._rng.integers(2, TURNS_AROUND - 1)) + [FORWARD] * self._walk_steps
         if not self._plan:
             self._plan = [LEFT] * TURNS_AROUND + [FORWARD] * self._walk_steps
         self._last = self._plan.pop(0)
-        return as_action(self._robot, self._last)
+        return self._last

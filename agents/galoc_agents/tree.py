@@ -18,9 +18,11 @@ CLEARANCE_M = BODY_RADIUS + 0.02
 """Distance kept from walls, m."""
 CELL_M = 0.15
 """Of the states of one cell and direction only the first is followed up, m."""
-BLOCK_M = 0.8
-"""A view is considered once per block of this size ..."""
-SECTORS = 12
+NEAR_ACTIONS = 6
+"""Views so many actions away are near, ..."""
+BLOCKS_M = (0.5, 1.2)
+"""... and one view is considered per block of this size, near and far, ..."""
+SECTORS = (12, 4)
 """... and sector of directions."""
 MOST_STATES = 40_000
 """Searches end at this many states: some 20 rooms."""
@@ -57,7 +59,10 @@ class Tree:
             pose, free.clearance, free.origin, free.resolution, CLEARANCE_M, bumps, CELL_M, TURNS_AROUND, STEP_M,
             deepest, MOST_STATES,
         )  # fmt: skip
-        taken = choose(states[0], states[1], free.origin, BLOCK_M, TURNS_AROUND, SECTORS, most)
+        taken = choose(
+            states[0], states[1], states[3], free.origin, TURNS_AROUND, NEAR_ACTIONS, np.array(BLOCKS_M), np.array(SECTORS),
+            most,
+        )  # fmt: skip
         where = np.full(len(states[0]), -1, np.int32)
         where[taken] = np.arange(len(taken), dtype=np.int32)
         poses, parent = states[0][taken], states[1][taken]

@@ -143,12 +143,42 @@ class Likelihood:
     def _volume(
         self, seen: Observation, headings: NDArray[np.int64], group: int, turn: int, rows: NDArray[np.int64] | None
     ) -> Float32:
-        rays = RayTerms.of(seen, self.field.resolution, STRIDE)
+        where = np.arange(len(self.field.positions)) if rows is None else np.asarray(rows, dtype=np.int64)
+        return self._scores(
+            seen, self.field.ranges, self.corner_code, where, headings, group, turn, self.field.resolution
+        )
+
+    def at(self, seen: Observation, positions: Array, headings_deg: NDArray[np.int64], step_m: float) -> Float32:
+        """(N, V) log-likelihood at any positions and whole degrees, up to the same constant as ``volume``.
+
+        Args:
+            seen: the observation.
+            positions: (N, 2) m.
+            headings_deg: (V,) 0..359.
+            step_m: distance of neighbouring positions, m: a pose in between is that much off.
+        """
+        ranges = self.field.caster(positions)
+        code = corner_distances(positions, ranges, self.corners)
+        headings = np.asarray(headings_deg, dtype=np.int64)
+        return self._scores(seen, ranges, code, np.arange(len(positions)), headings, 1, 0, step_m)
+
+    def _scores(
+        self,
+        seen: Observation,
+        ranges: Float32,
+        corner_code: NDArray[np.uint8],
+        rows: NDArray[np.int64],
+        headings: NDArray[np.int64],
+        group: int,
+        turn: int,
+        step_m: float,
+    ) -> Float32:
+        rays = RayTerms.of(seen, step_m, STRIDE)
         corner_bin, corners = self._corner_terms(seen)
         return likelihood_volume(
-            self.field.ranges,
-            self.corner_code,
-            np.arange(len(self.field.positions)) if rows is None else np.asarray(rows, dtype=np.int64),
+            ranges,
+            corner_code,
+            rows,
             headings,
             group,
             (rays.ray_bin + turn) % 360,

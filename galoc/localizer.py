@@ -26,6 +26,7 @@ from galoc.plan_facts import manhattan
 from galoc.posterior import NEAR_M, locate_modes, probability_near
 from galoc.profiles import profile_field
 from galoc.rays import cast_rays
+from galoc.rivals import levelled
 from galoc.score import SCORINGS, confidence, score_volume
 from galoc.tracker import Tracker
 from galoc.types import Estimate, Layout, Rays, Wireframe
@@ -250,6 +251,7 @@ class Localizer:
         """Score one frame and fuse it; hopeless positions are looked at only now and then."""
         self._frames += 1
         found, rows = likely_cells(likelihood, seen, self.belief, everywhere=self._frames % FULL_EVERY == 0)
+        found = levelled(likelihood, seen, self.belief, found, rows, FRAME_TEMPER)
         self.belief.add(found, LEAST_LOG_P, rows=rows, temper=FRAME_TEMPER, frame_floor=FRAME_FLOOR)
 
     def _leads(self, peak: NDArray[np.float64], tracked: NDArray[np.float64]) -> bool:

@@ -80,6 +80,9 @@ class WorldOptions:
 class Demo(WorldOptions):
     """Walk through a floorplan, be localized from wall geometry, and leave a film, a summary and numbers."""
 
+    policy: str = "patrol"
+    """Who walks: patrol (a scripted walker that knows the truth), infogain, explore, spin, ... or your own
+    "module:Class" or "file.py:Class"."""
     out: Path = Path("runs/demo")
     """Folder for episode.mp4, summary.png and result.json."""
 
@@ -97,7 +100,14 @@ class Demo(WorldOptions):
                 bar.set_description("walking", refresh=False)
                 bar.update()
 
-            files = run_demo(self.arguments(), steps=self.steps, seed=self.seed, out=self.out, on_progress=on_progress)
+            files = run_demo(
+                self.arguments(),
+                steps=self.steps,
+                seed=self.seed,
+                out=self.out,
+                policy=self.policy,
+                on_progress=on_progress,
+            )
         print(report(files))
 
 

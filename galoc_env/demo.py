@@ -20,6 +20,7 @@ from galoc_env import detection
 from galoc_env.env import FloorplanEnv
 from galoc_env.evaluate import Rollout, jsonable, rollout, steps_table
 from galoc_env.film import Film, temporary, writable_folder
+from galoc_env.policy import make_policy
 
 Image = NDArray[np.uint8]
 
@@ -39,7 +40,13 @@ class DemoFiles:
 
 
 def run_demo(
-    arguments: dict[str, Any], *, steps: int, seed: int, out: Path, on_progress: Callable[[], None] | None = None
+    arguments: dict[str, Any],
+    *,
+    steps: int,
+    seed: int,
+    out: Path,
+    policy: str = "patrol",
+    on_progress: Callable[[], None] | None = None,
 ) -> DemoFiles:
     """Walk, film and measure; every file appears whole or not at all.
 
@@ -47,12 +54,14 @@ def run_demo(
         arguments: of :class:`FloorplanEnv`, without ``render_mode``.
         steps: actions.
         seed: of the environment and the walker.
+        policy: who walks, see :func:`galoc_env.policy.make_policy`.
         out: folder, made if needed.
         on_progress: called once per observation.
 
     Raises:
         GalocError: bad arguments, or a folder that cannot be written.
     """
+    walker = make_policy(policy)
     env = FloorplanEnv(**arguments, render_mode="rgb_array")  # refuses bad arguments before anything is written
     model = detection.model(env.settings.detector)
     folder = writable_folder(out)
@@ -71,13 +80,20 @@ def run_demo(
                 if on_progress is not None:
                     on_progress()
 
-            walk = rollout(env, seed, steps, on_step=on_step)
+            walk = rollout(env, seed, steps, policy=walker, on_step=on_step)
         assert env.world is not None
         plan, furniture = env.world.plan, env.world.furniture
         save_summary(files[1], plan, furniture, walk, views, sorted(kept))
     finally:
         env.close()
-    chosen = {**arguments, "detector": env.settings.detector, "model": model, "steps": steps, "seed": seed}
+    chosen = {
+        **arguments,
+        "detector": env.settings.detector,
+        "model": model,
+        "policy": policy,
+        "steps": steps,
+        "seed": seed,
+    }
     result = {"settings": chosen, **walk.metrics(), "steps": steps_table(walk)}
     write_atomic(files[2], (json.dumps(jsonable(result), indent=1) + "\n").encode())
     return DemoFiles(files[0], files[1], files[2], walk)

@@ -249,17 +249,22 @@ def rollout(
     seed: int,
     steps: int,
     *,
+    policy: Policy | None = None,
     options: dict[str, Any] | None = None,
     on_step: Callable[[FloorplanEnv], None] | None = None,
 ) -> Rollout:
-    """Let the scripted walker walk one episode.
+    """Let a policy walk one episode, watched.
 
     Args:
         env: unwrapped, with a localizer.
-        seed: of the environment and of the walker.
+        seed: of the environment and of the policy.
         steps: actions; the rollout has one observation more.
+        policy: chooses the actions; None: the scripted walker.
         options: of the reset.
         on_step: called after the reset and after every step.
+
+    Raises:
+        GalocError: the policy failed.
     """
 
     class Watching(Watch):
@@ -267,7 +272,7 @@ def rollout(
             if on_step is not None:
                 on_step(env)
 
-    walk, _ = play(env, Patroller(), seed, steps, options=options, watch=Watching())
+    walk, _ = play(env, policy or Patroller(), seed, steps, options=options, watch=Watching())
     if walk.failure is not None:
-        raise RuntimeError(walk.failure)
+        raise GalocError(walk.failure, "an action at every step", "Mend the policy.")
     return walk

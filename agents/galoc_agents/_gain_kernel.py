@@ -10,7 +10,8 @@ from numba import njit
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def expected_entropy(  # type: ignore[no-untyped-def]
-    tree, parent, fresh, hypotheses, outer, prior, near, log_ranges, index, origin, resolution, rays, measured,
+    tree, parent, fresh, hypotheses, outer, prior, near, log_ranges, lowest, highest, index, origin, resolution, rays,
+    measured,
     precision, limit_precision, weight, scale_precision, floor, bump_cost, dead,
 ):  # fmt: skip
     """Expected entropy of the hypotheses after each node of a tree of motions.
@@ -19,7 +20,8 @@ def expected_entropy(  # type: ignore[no-untyped-def]
     explains them with the log-likelihood of :func:`galoc._likelihood_kernel.likelihood_volume` (rays every few degrees,
     the scale profiled out)::
 
-        d      = log r_j - log r_i for rays whose wall line i would see in the image
+        d      = log r_j - log r_i for rays whose wall line i would see in the image; r_j the nearest to r_i
+                 between those within two degrees: an edge may pass on either side of a ray
         s      = sum(p * clip(d, -1, 1)) / (sum(p) + scale_precision)
         cost   = sum(robust(p * (d - s) ** 2)) + scale_precision * s ** 2
         cost  += sum(robust(q * max(log r_j - measured - s, 0) ** 2)) for the others: their wall is nearer than that
@@ -37,6 +39,8 @@ def expected_entropy(  # type: ignore[no-untyped-def]
         prior: (K,) probability of each hypothesis in the belief.
         near: (K, K) bool: i and j are the same place.
         log_ranges: (P, 360) float32 log of the profiles.
+        lowest: (P, 360) float32 least of them within two degrees.
+        highest: (P, 360) float32 greatest of them within two degrees.
         index: (H, W) position of each grid cell, -1 for none.
         origin: (2,) m.
         resolution: m.
@@ -47,7 +51,7 @@ def expected_entropy(  # type: ignore[no-untyped-def]
         weight: of a ray's cost, saturation included.
         scale_precision: as ``precision``.
         floor: least log-likelihood of a view.
-        dead: nats below which views of two hypotheses count as the same: cells of a grid do not stand for poses exactly.
+        dead: nats below which views of two hypotheses count as the same: cells of a grid are not exact poses.
         bump_cost: nats.
 
     Returns:
@@ -57,13 +61,25 @@ def expected_entropy(  # type: ignore[no-untyped-def]
     entropy = np.empty(nodes)
     total = np.zeros((nodes, k, k), np.float32)
     stopped = np.zeros((nodes, k), np.bool_)
-    seen = np.empty((k, n), np.float32)
+    seen = np.empty((3, k, n), np.float32)
     for node in range(nodes):
         before = parent[node]
         if before >= 0:
             total[node] = total[before]
             stopped[node] = stopped[before]
-            _look(tree[node], hypotheses, log_ranges, index, origin, resolution, rays, seen, stopped[node])
+            _look(
+                tree[node],
+                hypotheses,
+                log_ranges,
+                lowest,
+                highest,
+                index,
+                origin,
+                resolution,
+                rays,
+                seen,
+                stopped[node],
+            )
             _compare(
                 total[node], stopped[node], stopped[before], seen, measured, precision, limit_precision,
                 weight, scale_precision, floor, bump_cost, dead, np.float32(fresh[node]),
@@ -73,7 +89,7 @@ def expected_entropy(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
-def _look(motion, hypotheses, log_ranges, index, origin, resolution, rays, seen, stopped):  # type: ignore[no-untyped-def]
+def _look(motion, hypotheses, log_ranges, lowest, highest, index, origin, resolution, rays, seen, stopped):  # type: ignore[no-untyped-def]
     """Log ranges that each hypothesis would see after a motion; marks those that a wall stops."""
     for i in range(hypotheses.shape[0]):
         if stopped[i]:
@@ -85,10 +101,13 @@ def _look(motion, hypotheses, log_ranges, index, origin, resolution, rays, seen,
         if row < 0 or col < 0 or row >= index.shape[0] or col >= index.shape[1] or index[row, col] < 0:
             stopped[i] = True
             continue
-        profile = log_ranges[index[row, col]]
+        at = index[row, col]
         heading = int(round(math.degrees(hypotheses[i, 2] + motion[2])))
         for r in range(rays.shape[0]):
-            seen[i, r] = profile[(heading + rays[r]) % 360]
+            bearing = (heading + rays[r]) % 360
+            seen[0, i, r] = log_ranges[at, bearing]
+            seen[1, i, r] = lowest[at, bearing]
+            seen[2, i, r] = highest[at, bearing]
 
 
 @njit(cache=True, fastmath=True, error_model="numpy")
@@ -97,7 +116,7 @@ def _compare(  # type: ignore[no-untyped-def]
     bump_cost, dead, fresh,
 ):  # fmt: skip
     """Add the log-likelihoods of one view to (K, K) totals."""
-    k, n = seen.shape
+    _, k, n = seen.shape
     p = np.empty(n, np.float32)
     d = np.empty(n, np.float32)
     bins = precision.shape[1]
@@ -105,8 +124,8 @@ def _compare(  # type: ignore[no-untyped-def]
         if not stopped[i]:
             mass = np.float32(0.0)
             for r in range(n):
-                at = min(max(int((seen[i, r] + 2.0) * 8.0), 0), bins - 1)
-                p[r] = precision[r, at] if seen[i, r] >= measured[r] else np.float32(0.0)
+                at = min(max(int((seen[0, i, r] + 2.0) * 8.0), 0), bins - 1)
+                p[r] = precision[r, at] if seen[0, i, r] >= measured[r] else np.float32(0.0)
                 mass += p[r]
         for j in range(k):
             if j == i:
@@ -117,7 +136,9 @@ def _compare(  # type: ignore[no-untyped-def]
                 continue
             shift = np.float32(0.0)
             for r in range(n):
-                d[r] = seen[j, r] - seen[i, r]
+                d[r] = max(seen[1, j, r] - seen[0, i, r], np.float32(0.0)) + min(
+                    seen[2, j, r] - seen[0, i, r], np.float32(0.0)
+                )
                 shift += p[r] * min(max(d[r], np.float32(-1.0)), np.float32(1.0))
             shift /= mass + scale_precision
             cost = scale_precision * shift * shift
@@ -125,7 +146,7 @@ def _compare(  # type: ignore[no-untyped-def]
                 if p[r] > 0.0:
                     q = p[r] * (d[r] - shift) ** 2
                 else:
-                    beyond = max(seen[j, r] - measured[r] - shift, np.float32(0.0))
+                    beyond = max(seen[1, j, r] - measured[r] - shift, np.float32(0.0))
                     q = limit_precision * beyond * beyond
                 cost += q / (np.float32(1.0) + q)
             total[i, j] += fresh * min(max(np.float32(-0.5) * weight * cost + dead, floor), np.float32(0.0))
@@ -156,7 +177,12 @@ def shares_seen(hypotheses, views, log_ranges, index, origin, resolution, rays, 
     Args:
         hypotheses: (K, 3) x, y m, heading rad.
         views: (W, 3) motions from there in the body frame.
-        log_ranges, index, origin, resolution, rays, measured: as for :func:`expected_entropy`.
+        log_ranges: (P, 360) float32 log of the profiles.
+        index: (H, W) position of each grid cell, -1 for none.
+        origin: (2,) m.
+        resolution: m.
+        rays: (R,) whole degrees beside the heading.
+        measured: (R,) least log range at which a wall line is in the image.
 
     Returns:
         (K, W) 0..1; NaN where there is no free space.

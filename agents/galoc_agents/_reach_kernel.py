@@ -15,13 +15,13 @@ CHECKS = 3
 
 @njit(cache=True)
 def reach(  # type: ignore[no-untyped-def]
-    start, clearance, origin, resolution, radius, bumps, cell, headings, step_m, deepest, most
+    start, clearance, origin, resolution, radius, bumps, bump_radius, cell, headings, step_m, deepest, most
 ):
     """Breadth-first search over the discrete actions.
 
     States are the poses themselves; of those in one cell of ``cell`` metres with the same number of turns the first one
     reached is kept. A step is possible where the clearance of all places along it is at least ``radius`` or grows, and
-    none comes nearer to a bump than ``radius``.
+    none comes nearer to a bump than ``bump_radius``.
 
     Args:
         start: (3,) x, y m, heading rad.
@@ -29,7 +29,8 @@ def reach(  # type: ignore[no-untyped-def]
         origin: (2,) m, lower left corner of the clearance grid.
         resolution: m, of the grid.
         radius: m.
-        bumps: (B, 2) m.
+        bumps: (B, 2) m, places where the body's centre cannot be.
+        bump_radius: m, at most ``radius``.
         cell: m.
         headings: turns in a full circle.
         step_m: length of a step, m.
@@ -41,6 +42,7 @@ def reach(  # type: ignore[no-untyped-def]
         the order in which they are reached.
     """
     height, width = clearance.shape
+    spare = radius - bump_radius
     rows, cols = int(height * resolution / cell) + 2, int(width * resolution / cell) + 2
     seen = np.zeros((rows, cols, headings), np.bool_)
     pose = np.empty((most, 3))
@@ -58,11 +60,11 @@ def reach(  # type: ignore[no-untyped-def]
                 else:
                     along = step_m if action == 0 else -step_m
                     dx, dy = along * math.cos(pose[at, 2]), along * math.sin(pose[at, 2])
-                    before = _clearance(x, y, clearance, origin, resolution, bumps)
+                    before = _clearance(x, y, clearance, origin, resolution, bumps, spare)
                     free = True
                     for i in range(1, CHECKS + 1):
                         share = i / CHECKS
-                        now = _clearance(x + share * dx, y + share * dy, clearance, origin, resolution, bumps)
+                        now = _clearance(x + share * dx, y + share * dy, clearance, origin, resolution, bumps, spare)
                         if now < radius and now <= before:
                             free = False
                             break
@@ -85,14 +87,14 @@ def reach(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _clearance(x, y, clearance, origin, resolution, bumps):  # type: ignore[no-untyped-def]
-    """Distance to the nearest wall or bump, m; 0 outside the map."""
+def _clearance(x, y, clearance, origin, resolution, bumps, spare):  # type: ignore[no-untyped-def]
+    """Distance to the nearest wall, or to a bump and ``spare``, m; 0 outside the map."""
     row, col = math.floor((y - origin[1]) / resolution), math.floor((x - origin[0]) / resolution)
     if row < 0 or col < 0 or row >= clearance.shape[0] or col >= clearance.shape[1]:
         return 0.0
     best = float(clearance[row, col])
     for i in range(bumps.shape[0]):
-        best = min(best, math.hypot(x - bumps[i, 0], y - bumps[i, 1]))
+        best = min(best, math.hypot(x - bumps[i, 0], y - bumps[i, 1]) + spare)
     return best
 
 
@@ -109,7 +111,7 @@ def choose(pose, parent, depth, origin, headings, near_depth, blocks, sectors, m
         near_depth: actions up to which a state is near.
         blocks: (2,) m, near and far; of the states of one block and sector the first one is taken.
         sectors: (2,) sectors of directions, near and far; divisors of ``headings``.
-        most: states at most.
+        most: states from which on no more ways are taken; the last one is whole, and may go beyond that.
 
     Returns:
         (M,) increasing numbers of the states taken, the start among them.

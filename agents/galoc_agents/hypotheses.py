@@ -85,7 +85,7 @@ class Hypotheses:
             weights = np.concatenate([self.weights[order[:kept]], np.full(most - kept, even[kept])])
         else:
             taken, weights = np.arange(len(self.weights)), self.weights
-        best = np.argsort(-weights, kind="stable")
+        best = np.lexsort((-self.weights[taken], -weights))  # of equal ones that which was likeliest
         return Hypotheses(self.poses[taken[best]], weights[best] / weights.sum())
 
     def near(self) -> NDArray[np.bool_]:

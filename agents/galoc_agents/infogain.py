@@ -39,8 +39,10 @@ SHARE_SD = 0.3
 """Spread of the share of rays that a view tells about what is predicted of it."""
 SHARE_MOST = 9.0
 """Squared whitened misfit of that share beyond which it counts no more."""
+EDGE_DEG = 2
+"""An edge may pass a ray on either side within this, degrees: a cell of the grid is no exact pose."""
 DEAD = 1.0
-"""Views of two hypotheses that differ by less than this, nats, are the same: a cell of the grid is no exact pose."""
+"""Views of two hypotheses that differ by less than this, nats, are the same, for the same reason."""
 FLOOR = -10.0
 """No view makes a hypothesis less likely than this, nats: maps and detectors are wrong now and then."""
 BUMP_NATS = 3.0
@@ -74,6 +76,8 @@ class InfoGain:
         if self._field is None or self._field.caster.plan is not robot.plan:
             self._field = profile_field(robot.plan)
             self._log_ranges = np.log(np.maximum(self._field.ranges, 1e-3))
+            around = [np.roll(self._log_ranges, shift, axis=1) for shift in range(-EDGE_DEG, EDGE_DEG + 1)]
+            self._lowest, self._highest = np.minimum.reduce(around), np.maximum.reduce(around)
         self._sight = Sight.of(robot.camera)
         self._memory = Memory(robot.plan)
         self._explore.reset(robot)
@@ -125,7 +129,7 @@ class InfoGain:
             onward: the move where no way promises to tell anything.
         """
         pose = hypotheses.poses[0]
-        tree = Tree.grow(self._robot.plan, pose, self._memory.contacts(pose), HORIZON, self._nodes)
+        tree = Tree.grow(self._robot.plan, pose, self._memory.taken(pose), HORIZON, self._nodes)
         move = onward
         if len(tree.parent) > 1:
             entropy = self._expected(tree, hypotheses, outer)
@@ -144,8 +148,9 @@ class InfoGain:
         return np.asarray(
             expected_entropy(
                 tree.motion, tree.parent, fresh, hypotheses.poses, outer, hypotheses.weights, hypotheses.near(),
-                self._log_ranges, field.index, field.origin, field.resolution, sight.rays, sight.measured,
-                sight.precision, sight.limit_precision, sight.weight, np.float32(1.0 / (SATURATION * SCALE_SD**2)),
-                np.float32(FLOOR), np.float32(BUMP_NATS), np.float32(DEAD),
+                self._log_ranges, self._lowest, self._highest, field.index, field.origin, field.resolution, sight.rays,
+                sight.measured, sight.precision, sight.limit_precision, sight.weight,
+                np.float32(1.0 / (SATURATION * SCALE_SD**2)), np.float32(FLOOR), np.float32(BUMP_NATS),
+                np.float32(DEAD),
             )
         )  # fmt: skip

@@ -20,12 +20,14 @@ WALL_M = 0.15
 """A bump this close to a wall of the map is that wall."""
 BLIND_SHARE = 0.05
 """A view that tells less than this share of its rays is blind."""
-REACH_M = BODY_RADIUS + 0.02
+REACH_M = 0.15
+"""A step that ends at something shows that so far ahead of where it ended the body's centre cannot be, m."""
+TOUCH_M = BODY_RADIUS + 0.02
 """From the body's centre to what it touches, m."""
 
 
 class Memory:
-    """Views and contacts in the frame of the episode's first pose.
+    """Views and bumps in the frame of the episode's first pose.
 
     Args:
         plan: the map; bumps at its walls are not remembered.
@@ -35,7 +37,7 @@ class Memory:
         self._free = plan.free_space(0.05)
         self._here = np.zeros(3)
         self._views: list[tuple[Array, float]] = []
-        self._contacts: list[Array] = []
+        self._taken: list[Array] = []
         self._intended: tuple[int, Array] | None = None
 
     def intend(self, move: int, pose: ArrayLike) -> None:
@@ -57,15 +59,14 @@ class Memory:
         ahead = 1.0 if self._intended[0] == FORWARD else -1.0
         if ahead * dx > STEP_M - SHORT_M:
             return
-        contact = np.array([[ahead * REACH_M, 0.0, 0.0]])
-        believed = compose(self._intended[1], contact + [dx, 0.0, 0.0])[0, :2]
-        if float(self._free.clearance_at(believed)) > WALL_M:
-            self._contacts.append(compose(self._here, contact)[0, :2])
+        touched = compose(self._intended[1], np.array([dx + ahead * TOUCH_M, 0.0, 0.0]))[0, :2]
+        if float(self._free.clearance_at(touched)) > WALL_M:
+            self._taken.append(compose(self._here, np.array([ahead * REACH_M, 0.0, 0.0]))[0, :2])
 
-    def contacts(self, pose: Array) -> Array:
-        """(B, 2) m in the plan: what the body ran into, if it is at this pose (3,)."""
-        points = np.zeros((len(self._contacts), 3))
-        points[:, :2] = np.array(self._contacts).reshape(-1, 2)
+    def taken(self, pose: Array) -> Array:
+        """(B, 2) m in the plan: where the body's centre cannot be, if it is at this pose (3,)."""
+        points = np.zeros((len(self._taken), 3))
+        points[:, :2] = np.array(self._taken).reshape(-1, 2)
         return compose(pose, relative(self._here, points))[:, :2]
 
     def __len__(self) -> int:

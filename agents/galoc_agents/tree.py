@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 CLEARANCE_M = BODY_RADIUS + 0.02
 """Distance kept from walls, m."""
+BUMP_M = 0.15
+"""Distance kept from places that turned out to be taken, m: what is there may be slim."""
 CELL_M = 0.15
 """Of the states of one cell and direction only the first is followed up, m."""
 NEAR_ACTIONS = 6
@@ -50,18 +52,19 @@ class Tree:
         Args:
             plan: the map.
             pose: (3,) where the body is.
-            bumps: (B, 2) m: things that are not on the map.
+            bumps: (B, 2) m: places that are taken by what is not on the map.
             deepest: actions at most.
-            most: nodes at most, the nearest first.
+            most: nodes, the nearest first; no more ways are taken beyond that, but the last one is whole.
         """
         free = plan.free_space(MAP_M)
         states = reach(
-            pose, free.clearance, free.origin, free.resolution, CLEARANCE_M, bumps, CELL_M, TURNS_AROUND, STEP_M,
+            pose, free.clearance, free.origin, free.resolution, CLEARANCE_M, np.ascontiguousarray(bumps), BUMP_M,
+            CELL_M, TURNS_AROUND, STEP_M,
             deepest, MOST_STATES,
         )  # fmt: skip
         taken = choose(
-            states[0], states[1], states[3], free.origin, TURNS_AROUND, NEAR_ACTIONS, np.array(BLOCKS_M), np.array(SECTORS),
-            most,
+            states[0], states[1], states[3], free.origin, TURNS_AROUND, NEAR_ACTIONS, np.array(BLOCKS_M),
+            np.array(SECTORS), most,
         )  # fmt: skip
         where = np.full(len(states[0]), -1, np.int32)
         where[taken] = np.arange(len(taken), dtype=np.int32)

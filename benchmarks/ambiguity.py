@@ -28,6 +28,10 @@ from galoc_env.topdown import INK, PAPER, TopDown, write
 
 PANEL = (560, 400)
 """Width and height of a panel, px."""
+RING_M, LEAST_RING, MOST_RINGS = 0.5, 0.08, 6
+"""Places within this radius (m) that hold this share of the belief get a ring, so many at most."""
+RING = (58, 44, 170)
+"""Its colour: that of the belief."""
 TITLE_PX = 34
 """Height of its title, px."""
 Image = np.ndarray
@@ -70,29 +74,50 @@ def walk(options: Options) -> tuple[Rollout, list[Moment]]:
         hfov_deg=options.hfov,
     )  # fmt: skip
     moments: list[Moment] = []
+    drawn: list[TopDown] = []
 
     def look(env: FloorplanEnv) -> None:
         now = env.snapshot()
         assert env.world is not None and env.world.observer is not None
-        if not moments:
-            look.drawn = TopDown(env.world.plan, env.world.furniture, *PANEL)  # type: ignore[attr-defined]
-        picture = look.drawn.draw(  # type: ignore[attr-defined]
+        if not drawn:
+            drawn.append(TopDown(env.world.plan, env.world.furniture, *PANEL))
+        picture = drawn[0].draw(
             positions=now.positions, marginal=now.marginal, resolution=now.resolution, trail=now.trail,
             estimates=now.estimates[-1:], estimate=now.estimate,
         )  # fmt: skip
+        mark_places(picture, drawn[0], np.asarray(now.positions), np.asarray(now.marginal))
         mass = float(env.world.observer.belief.mass_near(now.trail[-1], NEAR_M, math.pi))
         moments.append(Moment(picture, mass, now.scores[-1].error_m))
 
     try:
-        return rollout(env, options.seed, options.steps, policy=make_policy(options.policy), on_step=look), moments
+        walker = make_policy(options.policy)
+        return rollout(env, options.seed, options.steps, policy=walker, name=options.policy, on_step=look), moments
     finally:
         env.close()
+
+
+def mark_places(picture: Image, drawn: TopDown, positions: Image, marginal: Image) -> None:
+    """Ring the places that hold much of the belief, and say how much: two cells of it would not show."""
+    import cv2
+
+    left = marginal.copy()
+    for _ in range(MOST_RINGS):
+        centre = positions[int(np.argmax(left))]
+        near = np.hypot(*(positions - centre).T) < RING_M
+        share = float(left[near].sum())
+        if share < LEAST_RING:
+            return
+        left[near] = 0.0
+        x, y = (round(v) for v in drawn.pixels(centre))
+        radius = round(RING_M * drawn.px_per_m)
+        cv2.circle(picture, (x, y), radius, RING, 2, cv2.LINE_AA)
+        write(picture, (x + radius + 4, y), f"{100 * share:.0f} %", 15, RING, bold=True)
 
 
 def chosen_steps(options: Options, taken: Rollout) -> list[int]:
     """The steps that are drawn."""
     if options.at:
-        return [min(step, options.steps) for step in options.at]
+        return list(options.at)
     settled = taken.steps_to(0.5)
     last = options.steps if settled is None else min(options.steps, settled + 2)
     return sorted({round(step) for step in np.linspace(0, last, 6)})
@@ -118,8 +143,11 @@ def main() -> None:
     """Run the script."""
     options = tyro.cli(Options, description=__doc__)
     try:
-        if options.steps < 1 or any(step < 0 for step in options.at):
-            raise GalocError(f"--steps {options.steps} --at {options.at}", "steps from 0 on", "Pass such numbers.")
+        if options.steps < 1 or any(not 0 <= step <= options.steps for step in options.at):
+            expected = "at least 1 step, and --at from 0 to --steps"
+            raise GalocError(f"--steps {options.steps} --at {options.at}", expected, "Pass such numbers.")
+        if options.seed < 0:
+            raise GalocError(f"--seed {options.seed}", "a seed from 0", "Pass such a number.")
         writable_folder(options.out.parent)
         taken, moments = walk(options)
     except GalocError as error:
@@ -128,15 +156,18 @@ def main() -> None:
 
     steps = chosen_steps(options, taken)
     picture = imageio.imwrite("<bytes>", strip(moments, steps), extension=".png")
-    write_atomic(options.out.with_suffix(".png"), picture)
+    drawn, told = (options.out.with_name(options.out.name + suffix) for suffix in (".png", ".json"))
+    write_atomic(drawn, picture)
     result = {
         "policy": options.policy, "homes": options.homes, "plan": taken.plan, "seed": options.seed,
         "steps_to_0.5m": taken.steps_to(0.5), "mass": [round(m.mass, 4) for m in moments],
         "error_m": [round(m.error_m, 3) for m in moments], "drawn": steps,
     }  # fmt: skip
-    write_atomic(options.out.with_suffix(".json"), (json.dumps(jsonable(result), indent=1) + "\n").encode())
-    print(f"{taken.plan}, {options.policy}: within 0.5 m and staying from step {taken.steps_to(0.5)} on")
-    print(f"written  {options.out.with_suffix('.png')}, {options.out.with_suffix('.json')}")
+    write_atomic(told, (json.dumps(jsonable(result), indent=1) + "\n").encode())
+    held = taken.steps_to(0.5)
+    found = "not within 0.5 m for good" if held is None else f"within 0.5 m and staying from step {held} on"
+    print(f"{taken.plan}, {options.policy}: {found}")
+    print(f"written  {drawn}, {told}")
 
 
 if __name__ == "__main__":

@@ -86,9 +86,11 @@ def make_set(name: str | None, plans: Path | None, first_seed: int, note: Callab
     """
     if name is not None and name not in SETS:
         raise GalocError(f"--set {name}", " or ".join(SETS), "Name one of these, or leave --set out.")
-    if (plans is not None) != (name == "buildings"):
-        cure = "Pass --plans FOLDER with --set buildings, and with no other."
-        raise GalocError(f"--set {name} with --plans {plans}", "a folder of plans for the set buildings alone", cure)
+    if name == "buildings" and plans is None:
+        raise GalocError("--set buildings without --plans", "a folder of plan files", "Add --plans FOLDER.")
+    if name != "buildings" and plans is not None:
+        got = f"--plans {str(plans)!r} {'without --set' if name is None else f'with --set {name}'}"
+        raise GalocError(got, "plans for the set buildings alone", "Pass --set buildings, or leave --plans out.")
     if name is None:
         return EpisodeSet("plan", first_seed=first_seed)
     if first_seed != 0:

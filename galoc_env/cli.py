@@ -120,11 +120,12 @@ class Evaluate(WorldOptions):
     """
 
     policy: str = "patrol"
-    """Name of an installed policy (random, spin, ...), "module:Class" or "file.py:Class". patrol is the scripted
-    walker, which sees the truth."""
+    """Name of an installed policy (infogain, explore, ppo, spin, random, ...), "module:Class" or "file.py:Class".
+    patrol is the scripted walker, which sees the truth."""
     set: str | None = None
     """A fixed set of worlds and starts: homes-test (100 test homes), ambiguous (60 generated plans in which views
-    repeat) or buildings (the plans of --plans). Left out: --plan or --split, with seeds from --seed on."""
+    repeat) or buildings (the plans of --plans). The first two fix --split and --homes too. Left out: --plan or
+    --split, with seeds from --seed on."""
     plans: Path | None = None
     """With --set buildings: folder of plan files; episodes go through them by name, again and again."""
     episodes: int = 20

@@ -80,7 +80,7 @@ def run_demo(
                 if on_progress is not None:
                     on_progress()
 
-            walk = rollout(env, seed, steps, policy=walker, on_step=on_step)
+            walk = rollout(env, seed, steps, policy=walker, name=policy, on_step=on_step)
         assert env.world is not None
         plan, furniture = env.world.plan, env.world.furniture
         save_summary(files[1], plan, furniture, walk, views, sorted(kept))
@@ -192,6 +192,7 @@ def _draw_errors(axes: Any, walk: Rollout) -> None:
         axes.axvspan(converged, len(errors) - 1, color=_GREEN, alpha=0.1, linewidth=0)
     axes.set(xlim=(0, max(1, len(errors) - 1)), ylim=(0.01, 30.0), ylabel="m")
     axes.set_yticks([0.01, 0.1, 1.0, 10.0], ["0.01", "0.1", "1", "10"])
+    axes.locator_params(axis="x", integer=True)
     axes.set_title("position error over the steps (shaded: converged)", fontsize=11, loc="left")
     axes.grid(alpha=0.25)
 
@@ -201,6 +202,7 @@ def _draw_belief(axes: Any, walk: Rollout) -> None:
     axes.set(xlim=(0, max(1, len(walk.steps) - 1)), xlabel="step")
     axes.set_ylabel("belief entropy / nats", color=_BLUE)
     axes.set_ylim(bottom=0.0)
+    axes.locator_params(axis="x", integer=True)
     other = axes.twinx()
     other.fill_between(
         range(len(walk.steps)), [100.0 * s.coverage for s in walk.steps], color=_GREY, alpha=0.25, step="mid"

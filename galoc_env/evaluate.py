@@ -6,11 +6,13 @@ and ``error.png``. Times are kept apart: the first two are the same to the last 
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
 import math
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -112,9 +114,6 @@ def inspect_policy(policy: str) -> tuple[str | None, bool]:
     except GalocError as error:
         got = error.got if error.got.startswith("policy") else f"policy {policy!r} with {error.got}"
         raise GalocError(got, error.expected, error.cure) from error
-    except Exception as error:  # of the user's code: of any kind
-        got = f"policy {policy!r}, which raised {type(error).__name__} when it was made: {error}"
-        raise GalocError(got, "a class that is made without arguments", "Mend it.") from error
     digest = plugin.digest(module)
     return None if digest is None else digest[: detection.DIGITS], sees_truth(made)
 
@@ -153,11 +152,24 @@ def evaluate(
         track: is told how many episodes are done, at the start and after each.
 
     Raises:
-        GalocError: numbers out of range, a folder that cannot be written, an environment that cannot be made.
+        GalocError: numbers out of range, a folder that cannot be written or that another run writes to, an environment
+            that cannot be made.
     """
     if episodes < 1 or workers < 1:
         raise GalocError(f"--episodes {episodes} --workers {workers}", "at least 1 of each", "Pass 1 or more.")
     folder = writable_folder(out)
+    with _alone(folder):
+        return _evaluated(job, episodes, workers, folder, note, track)
+
+
+def _evaluated(
+    job: Job,
+    episodes: int,
+    workers: int,
+    folder: Path,
+    note: Callable[[str], None],
+    track: Callable[[int, int], None],
+) -> Evaluation:
     partial, rows = _resumed(folder, job, note)
     wanted = [job.episode_set.task(number) for number in range(episodes)]
     missing = [task for task in wanted if task.seed not in rows]
@@ -175,6 +187,28 @@ def evaluate(
     if len(rows) == episodes:  # else it goes on holding those that nobody asked for this time
         partial.remove()
     return found
+
+
+@contextlib.contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Keep other runs out of a folder: two would mix their episodes. The system lets go when this process ends.
+
+    Raises:
+        GalocError: another run is at work there.
+    """
+    with contextlib.ExitStack() as stack:
+        # A platform or a file system without locks: then it is up to the user.
+        with contextlib.suppress(ImportError, OSError):
+            import fcntl
+
+            handle = os.open(folder, os.O_RDONLY)
+            stack.callback(os.close, handle)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                got = f"output folder {str(folder)!r}, in which another run is at work"
+                raise GalocError(got, "a folder for every run", "Wait for it, or choose another --out.") from None
+        yield
 
 
 def _row(job: Job, played: Played) -> Row:

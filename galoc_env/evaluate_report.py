@@ -97,7 +97,9 @@ def title(job: Job, rows: Sequence[Row]) -> str:
     plans = len({row["plan"] for row in rows})
     truth = " (sees the truth)" if job.sees_truth else ""
     where = "" if job.episode_set.name == "plan" else f" on {job.episode_set.name}"
-    return f"policy {job.game.policy}{truth}{where}: {_count(len(rows), 'episode')} in {_count(plans, 'plan')}"
+    failed = sum(row["failure"] is not None for row in rows)
+    lost = f", {failed} failed" if failed else ""
+    return f"policy {job.game.policy}{truth}{where}: {_count(len(rows), 'episode')} in {_count(plans, 'plan')}{lost}"
 
 
 def _count(number: int, what: str) -> str:
@@ -119,6 +121,8 @@ def table(found: Evaluation) -> str:
     cpu = [row["act_cpu_ms"] for row in found.timing if row["act_cpu_ms"] is not None]
     if cpu:
         lines.append(f"{'CPU ms per action (median)':<{width}}  {np.median(cpu):>8.2f}")
+    if found.job.game.steps + 1 < HOLD:
+        lines.append(f"Too short to count as held: that takes {HOLD} observations, so --steps {HOLD - 1} or more.")
     return "\n".join(lines + failures(found.rows))
 
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 import re
+import signal
 import time
+import traceback
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -203,10 +206,22 @@ def _ask(watch: Watch, call: str, method: Callable[..., Any], *arguments: Any) -
     watch.asks(call)
     try:
         return method(*arguments)
-    except (Exception, SystemExit) as error:
-        raise _Misbehaved(call, f"raised {type(error).__name__}: {_quoted(str(error))}") from error
+    except BaseException as error:
+        # Ctrl-C is the user's, but for worker processes, which ignore it: there only the policy can have raised it.
+        if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+            raise
+        raise _Misbehaved(call, f"raised {told_error(error)}{_place(error)}") from error
     finally:
         watch.answered()
+
+
+def _place(error: BaseException) -> str:
+    """Where in the policy's own file it went wrong, " (my.py, line 7)"; empty where it was not entered."""
+    frames = list(traceback.walk_tb(error.__traceback__))[1:]  # the first one is ours
+    own = [
+        (f.f_code.co_filename, line) for f, line in frames if f.f_code.co_filename == frames[0][0].f_code.co_filename
+    ]
+    return f" ({Path(own[-1][0]).name}, line {own[-1][1]})" if own else ""
 
 
 def _check(action: Any, env: FloorplanEnv) -> None:
@@ -216,6 +231,15 @@ def _check(action: Any, env: FloorplanEnv) -> None:
     except Exception as error:  # an object of any kind: its conversion to an array may do anything
         expected = error.expected if isinstance(error, GalocError) else f"one of {env.action_space}"
         raise _Misbehaved("act", f"returned {_quoted(_shown(action))}, expected {expected}") from error
+
+
+def told_error(error: BaseException) -> str:
+    """An exception of foreign code on one short line: its type and what it says, if it can say it."""
+    try:
+        said = _quoted(str(error))
+    except Exception:
+        said = ""
+    return f"{type(error).__name__}: {said}" if said else type(error).__name__
 
 
 def _shown(value: Any) -> str:
@@ -250,6 +274,7 @@ def rollout(
     steps: int,
     *,
     policy: Policy | None = None,
+    name: str = "policy",
     options: dict[str, Any] | None = None,
     on_step: Callable[[FloorplanEnv], None] | None = None,
 ) -> Rollout:
@@ -260,6 +285,7 @@ def rollout(
         seed: of the environment and of the policy.
         steps: actions; the rollout has one observation more.
         policy: chooses the actions; None: the scripted walker.
+        name: of the policy, for its failure.
         options: of the reset.
         on_step: called after the reset and after every step.
 
@@ -272,7 +298,7 @@ def rollout(
             if on_step is not None:
                 on_step(env)
 
-    walk, _ = play(env, policy or Patroller(), seed, steps, options=options, watch=Watching())
+    walk, _ = play(env, policy or Patroller(), seed, steps, name=name, options=options, watch=Watching())
     if walk.failure is not None:
-        raise GalocError(walk.failure, "an action at every step", "Mend the policy.")
+        raise GalocError(f"a failed walk ({walk.failure})", "an action at every step", "Mend the policy.")
     return walk

@@ -44,6 +44,10 @@ def _from_file(path: Path) -> ModuleType:
     if found is None or found.loader is None:
         raise ImportError(f"no Python in {path}")
     module = importlib.util.module_from_spec(found)
+    # As with ``python file.py``, files beside it can be imported; behind all others, so that none is hidden.
+    folder = str(path.resolve().parent)
+    if folder not in sys.path:
+        sys.path.append(folder)
     sys.modules.setdefault(path.stem, module)  # dataclasses and pickle look their module up there
     found.loader.exec_module(module)
     return module

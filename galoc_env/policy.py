@@ -85,7 +85,9 @@ class Robot:
         belief = None if self._observer is None else self._observer.belief
         if belief is None or not hasattr(belief, "headings_rad"):
             return None
-        return BeliefView(belief.positions, belief.headings_rad, belief.p, float(belief.resolution))
+        # Views that refuse to be written to: the localizer works on the very same arrays.
+        positions, headings_rad, p = map(_read_only, (belief.positions, belief.headings_rad, belief.p))
+        return BeliefView(positions, headings_rad, p, float(belief.resolution))
 
     @classmethod
     def of(cls, env: Env[Any, Any], seed: int, steps: int) -> Robot:
@@ -102,6 +104,12 @@ class Robot:
         space = deepcopy(env.action_space)
         space.seed(seed)
         return cls(inner.world.plan, inner.camera, inner.settings.actions, space, seed, steps, inner.world.observer)
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 def told(policy: Policy, info: dict[str, Any]) -> dict[str, Any]:
@@ -137,7 +145,7 @@ def make_policy(name: str) -> Policy:
         name: of an installed policy (:func:`named`), or "module:Class", also "file.py:Class".
 
     Raises:
-        GalocError: no such policy, or it lacks ``reset`` or ``act``.
+        GalocError: no such policy, one that cannot be made, or that lacks ``reset`` or ``act``.
     """
     known = named()
     try:
@@ -145,8 +153,20 @@ def make_policy(name: str) -> Policy:
     except plugin.LOADING as error:
         expected = f'"module:Class", "file.py:Class" or one of {", ".join(known)}'
         raise GalocError(f"policy {name!r} ({error})", expected, "Check the spelling.") from error
-    policy = made()
+    except (Exception, SystemExit) as error:  # of the user's code: of any kind
+        raise _unmade(name, "its module was loaded", error) from error
+    try:
+        policy = made()
+    except GalocError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise _unmade(name, "it was made", error) from error
     missing = [method for method in ("reset", "act") if not callable(getattr(policy, method, None))]
     if missing:
         raise GalocError(f"policy {name!r} without {missing}", "methods reset and act", "Add them to the class.")
     return policy
+
+
+def _unmade(name: str, when: str, error: BaseException) -> GalocError:
+    got = f"policy {name!r}, which raised {type(error).__name__} when {when}: {' '.join(str(error).split())}"
+    return GalocError(got, "a class that is made without arguments", "Mend it.")

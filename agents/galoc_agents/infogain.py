@@ -14,7 +14,7 @@ from galoc_agents._gain_kernel import expected_entropy, freshness, shares_seen
 from galoc_agents.explore import Explore
 from galoc_agents.hypotheses import Hypotheses
 from galoc_agents.memory import Memory
-from galoc_agents.moves import LEFT, TURNS_AROUND, as_action
+from galoc_agents.moves import LEFT, RIGHT, TURN_RAD, TURNS_AROUND, as_action
 from galoc_agents.sight import Sight
 from galoc_agents.tree import Tree
 from galoc_env.policy import BeliefView, Robot
@@ -35,6 +35,10 @@ FRESH_M, FRESH_RAD = 0.6, math.radians(25.0)
 """Views this far apart share exp(-1) of what they tell, m and rad."""
 VIEWS = 12
 """Last views whose share of rays is held against the hypotheses: dead reckoning is good for so long."""
+SEEN_SHARE = 0.3
+"""Share of rays with which a view shows a wall."""
+CHANGE_TURNS = 3.0
+"""A turn once begun goes on unless the other way round is expected to take so many turns less."""
 SHARE_SD = 0.3
 """Spread of the share of rays that a view tells about what is predicted of it."""
 SHARE_MOST = 9.0
@@ -51,14 +55,20 @@ LEAST_NATS, LEAST_SHARE = 0.1, 0.1
 """A way is worth going if it is expected to tell this much, nats, and this share of what is open."""
 
 
+_LEFTWARD = np.arange(TURNS_AROUND)
+_RIGHTWARD = np.append(np.arange(TURNS_AROUND - 1)[::-1], TURNS_AROUND - 1)
+"""Order in which the views of a full turn come, turning either way; the last one is where it began."""
+
+
 class InfoGain:
     """Greedy expected entropy reduction, with the time it takes in the account.
 
     The belief's leading hypotheses are moved along every short way of the likeliest one (a breadth-first tree over the
     actions); the profile field says what each would see there, and the likelihood how far these views tell them apart.
     The way with the least sum of expected entropy over the next ``HORIZON`` actions is begun, and the next observation
-    decides anew. As long as nothing was seen at all it turns around; where no way promises to tell anything, it
-    explores: a belief that is sure may still be wrong, and new walls are what shows it.
+    decides anew. As long as nothing was seen at all it turns to where a wall is likely to be in the image soonest;
+    where no way promises to tell anything, it explores: a belief that is sure may still be wrong, and new walls
+    are what shows it.
 
     Args:
         nodes: budget, views predicted per decision.
@@ -81,6 +91,7 @@ class InfoGain:
         self._sight = Sight.of(robot.camera)
         self._memory = Memory(robot.plan)
         self._explore.reset(robot)
+        self._way: int | None = None
         self._left = robot.steps
 
     def act(self, observation: dict[str, NDArray[Any]], info: dict[str, Any]) -> Any:
@@ -95,30 +106,40 @@ class InfoGain:
 
     def _best(self, belief: BeliefView, info: dict[str, Any], onward: int) -> int:
         """The move under a belief; ``onward`` where none promises to tell anything."""
+        every = self._weighed(belief)
         if self._memory.blind and len(self._memory) <= TURNS_AROUND:
-            return LEFT
-        hypotheses = self._considered(belief)
+            return self._turn(every)
+        hypotheses = every.tempered(TEMPER).thinned(self._most)
         return self._begin(hypotheses, hypotheses.weights, onward)
 
-    def _considered(self, belief: BeliefView) -> Hypotheses:
+    def _weighed(self, belief: BeliefView) -> Hypotheses:
         """The belief's hypotheses, weighed by how much of each view they would have had in the image."""
-        assert self._field is not None
-        field, sight = self._field, self._sight
         every = Hypotheses.of(belief)
         views, told = self._memory.views(VIEWS)
-        would = shares_seen(
-            every.poses,
-            views,
-            self._log_ranges,
-            field.index,
-            field.origin,
-            field.resolution,
-            sight.rays,
-            sight.measured,
-        )
-        misfit = np.minimum(np.square((would - told) / SHARE_SD), SHARE_MOST)
+        misfit = np.minimum(np.square((self._shares(every, views) - told) / SHARE_SD), SHARE_MOST)
         misfit[np.isnan(misfit)] = SHARE_MOST
-        return every.weighed(-0.5 * misfit.sum(axis=1)).tempered(TEMPER).thinned(self._most)
+        return every.weighed(-0.5 * misfit.sum(axis=1))
+
+    def _shares(self, hypotheses: Hypotheses, views: Array) -> Array:
+        """(K, W) share of the rays that each hypothesis would have in the image at views (W, 3) in the body frame."""
+        assert self._field is not None
+        field, sight = self._field, self._sight
+        shares = shares_seen(
+            hypotheses.poses, views, self._log_ranges, field.index, field.origin, field.resolution, sight.rays,
+            sight.measured,
+        )  # fmt: skip
+        return np.asarray(shares)
+
+    def _turn(self, hypotheses: Hypotheses) -> int:
+        """The turn after which a wall is in the image soonest, by all hypotheses."""
+        around = np.zeros((TURNS_AROUND, 3))
+        around[:, 2] = TURN_RAD * np.arange(1, TURNS_AROUND + 1)
+        seen = self._shares(hypotheses, around) >= SEEN_SHARE
+        seen[:, -1] = True  # once around, and no wall yet
+        turns = [hypotheses.weights @ seen[:, order].argmax(axis=1) for order in (_LEFTWARD, _RIGHTWARD)]
+        if self._way is None or abs(turns[0] - turns[1]) > CHANGE_TURNS:
+            self._way = LEFT if turns[0] <= turns[1] else RIGHT
+        return self._way
 
     def _begin(self, hypotheses: Hypotheses, outer: Array, onward: int) -> int:
         """The first move of the way with the least expected cost, from the first of the hypotheses.

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from galoc_agents.infogain import InfoGain
+from galoc_agents.infogain import TEMPER, InfoGain
 from galoc_env.policy import BeliefView
 
 TRUTH_WEIGHT = 1e-3
@@ -25,7 +25,7 @@ class Oracle(InfoGain):
     def _best(self, belief: BeliefView, info: dict[str, Any], onward: int) -> int:
         """The move under a belief and at the true pose."""
         truth = np.array(info["pose"], dtype=np.float64)
-        hypotheses = self._considered(belief).with_pose(truth, TRUTH_WEIGHT)
+        hypotheses = self._weighed(belief).tempered(TEMPER).thinned(self._most).with_pose(truth, TRUTH_WEIGHT)
         outer = np.zeros(len(hypotheses.weights))
         outer[0] = 1.0
         return self._begin(hypotheses, outer, onward)

@@ -19,6 +19,7 @@ import tyro
 from gymnasium import Env
 from numpy.typing import NDArray
 
+from galoc import GalocError
 from galoc.formats.atomic import write_atomic
 from galoc_agents.lesson import Lesson
 from galoc_env.film import writable_folder
@@ -51,6 +52,16 @@ class Arguments:
     """Of the next reward against this one."""
     entropy: float = 0.01
     """Reward for staying undecided, nats."""
+
+    def check(self) -> None:
+        """Refuse what cannot be played.
+
+        Raises:
+            GalocError: an argument out of range.
+        """
+        for name, low in (("minutes", 0.0), ("seed", 0), ("homes", 1), ("episodes", 1), ("hidden", 1)):
+            if not getattr(self, name) >= low:
+                raise GalocError(f"--{name} {getattr(self, name)}", f"{low:g} or more", f"Raise --{name}.")
 
 
 def weights(rng: np.random.Generator, inputs: int, hidden: int, actions: int) -> Weights:
@@ -147,7 +158,11 @@ def learn(env: Env[Any, Any], a: Arguments) -> Weights:
 def main() -> None:
     """Command line."""
     a = tyro.cli(Arguments)
-    folder = writable_folder(a.out.parent)
+    try:
+        a.check()
+        folder = writable_folder(a.out.parent)
+    except GalocError as error:
+        raise SystemExit(f"error: {error}") from None
     env = Lesson(range(a.homes), seed=a.seed, hfov_deg=a.hfov_deg)
     file = io.BytesIO()
     np.savez(file, **learn(env, a))  # type: ignore[arg-type]

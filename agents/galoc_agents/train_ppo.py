@@ -3,7 +3,7 @@
     python -m galoc_agents.train_ppo --minutes 10 --out runs/ppo
 
 Started again with the same --out it goes on from the checkpoint. Leaves in OUT: checkpoint.zip, progress.json,
-curve.csv, curve.png, ppo.onnx, and tensorboard/ where tensorboard is installed. Needs the extra `rl`, and onnx.
+curve.csv, curve.png, ppo.onnx, and tensorboard/ where tensorboard is installed. Needs the extra `rl`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Arguments:
     minutes: float = 10.0
     """Of training, all runs into this folder together."""
     steps: int | None = None
-    """Stop after so many, if that is sooner."""
+    """Stop after so many, if that is sooner; the last rollout is played to its end."""
     out: Path = Path("runs/ppo")
     """Folder of the results."""
     seed: int = 0
@@ -70,9 +70,17 @@ class Arguments:
         Raises:
             GalocError: an argument out of range.
         """
-        for name, low in (("minutes", 0.0), ("processes", 1), ("homes", 1), ("rollout", 8 * self.processes)):
+        for name, low in (
+            ("minutes", 0.0),
+            ("processes", 1),
+            ("homes", 1),
+            ("seed", 0),
+            ("rollout", 8 * self.processes),
+        ):
             if not getattr(self, name) >= low:
                 raise GalocError(f"--{name} {getattr(self, name)}", f"{low:g} or more", f"Raise --{name}.")
+        if self.steps is not None and self.steps < 1:
+            raise GalocError(f"--steps {self.steps}", "1 or more", "Raise --steps, or leave it out.")
 
 
 class Run:
@@ -92,14 +100,29 @@ class Run:
         self.seconds = 0.0
         self._job = json.loads(json.dumps({k: v for k, v in asdict(arguments).items() if k not in FREE}, default=str))
         if (self.folder / PROGRESS).exists() and (self.folder / CHECKPOINT).exists():
-            kept = json.loads((self.folder / PROGRESS).read_text(encoding="utf-8"))
-            if kept["job"] != self._job:
-                got = f"a run in {self.folder.name!r} with other arguments ({kept['job']})"
-                raise GalocError(got, f"the same ({self._job})", "Choose another --out, or delete the folder.")
-            self.seconds, self.rows = kept["seconds"], kept["rows"]
+            try:
+                kept = json.loads((self.folder / PROGRESS).read_text(encoding="utf-8"))
+                job, self.seconds, self.rows = kept["job"], kept["seconds"], kept["rows"]
+            except (ValueError, KeyError, TypeError) as error:
+                raise self._spoilt(PROGRESS) from error
+            if job != self._job:
+                other = [f"--{k.replace('_', '-')} {v}" for k, v in job.items() if v != self._job.get(k)]
+                got = f"a run in {self.folder.name!r} with other arguments ({', '.join(other)})"
+                raise GalocError(got, "the same as now", "Choose another --out, or delete the folder.")
+
+    def _spoilt(self, name: str) -> GalocError:
+        return GalocError(f"a spoilt {name} in {self.folder.name!r}", "what a run left there", "Delete the folder.")
 
     def train(self) -> Path:
-        """Train until the time is up and export; returns the ONNX file."""
+        """Train until the time is up and export; returns the ONNX file.
+
+        Raises:
+            GalocError: a library is missing, or the checkpoint is spoilt.
+        """
+        missing = [name for name in ("torch", "stable_baselines3", "onnx") if find_spec(name) is None]
+        if missing:  # onnx is needed at the end alone: too late to say so
+            cure = "Install galoc with the extra rl."
+            raise GalocError(f"a Python without {', '.join(missing)}", "the libraries that training needs", cure)
         import torch
 
         torch.set_num_threads(1)  # the network is small: threads would only wait for each other
@@ -135,11 +158,10 @@ class Run:
         from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMonitor
 
         a = self.arguments
-        done = int(self.rows[-1][0]) if self.rows else 0  # a run taken up again meets new episodes
         make: list[Any] = [
             partial(
                 Lesson, range(a.first_home, a.first_home + a.homes), a.sees,
-                seed=[a.seed, done, number], sorts=a.sorts, hfov_deg=a.hfov_deg,
+                seed=[a.seed, number], sorts=a.sorts, hfov_deg=a.hfov_deg,
             )
             for number in range(a.processes)
         ]  # fmt: skip
@@ -150,7 +172,14 @@ class Run:
         from stable_baselines3 import PPO
 
         if self.seconds > 0.0:
-            return PPO.load(self.folder / CHECKPOINT, env=env, device="cpu")
+            try:
+                model = PPO.load(self.folder / CHECKPOINT, env=env, device="cpu")
+            except (ValueError, OSError, KeyError) as error:
+                raise self._spoilt(CHECKPOINT) from error
+            # Loading has seeded everything as at the very start: it would live through the same episodes again.
+            done = [self.arguments.seed, model.num_timesteps]
+            model.set_random_seed(int(np.random.SeedSequence(done).generate_state(1)[0] >> 1))
+            return model
         each = 4 * (self.arguments.rollout // (4 * self.arguments.processes))
         log = str(self.folder / "tensorboard") if find_spec("tensorboard") else None
         return PPO(

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from galoc_agents import make_policy
 from galoc_agents.explore import Explore
-from galoc_agents.infogain import InfoGain
-from galoc_agents.moves import FORWARD, LEFT, TURNS_AROUND
+from galoc_agents.hypotheses import Hypotheses
+from galoc_agents.infogain import SEEN_SHARE, TEMPER, InfoGain
+from galoc_agents.moves import FORWARD, LEFT, RIGHT, TURN_RAD, TURNS_AROUND
 from galoc_agents.oracle import Oracle
 from gymnasium import spaces
 from small_world import small_plan
@@ -146,9 +147,25 @@ def test_what_it_knows_it_does_not_ask(twins, infogain, explore):
 
 def test_it_turns_around_as_long_as_it_sees_nothing(twins, infogain):
     moves = wander(infogain, twins, (1.55, 1.25, DOWN), 24, either_room, coverage=0.0)[1]
-    assert moves[:TURNS_AROUND] == [LEFT] * TURNS_AROUND
+    assert set(moves[:TURNS_AROUND]) <= {LEFT, RIGHT}
     assert FORWARD in moves[TURNS_AROUND:]
     assert FORWARD in wander(infogain, twins, (1.55, 1.25, DOWN), 12, either_room)[1]
+
+
+def test_blind_it_turns_the_short_way_to_where_a_wall_would_show(twins):
+    """As far as it can tell it is at one pose, and sees nothing there."""
+    ways = set()
+    for heading in np.radians(np.arange(0, 360, 30)):
+        policy = InfoGain()
+        first = wander(policy, twins, (1.55, 2.0, heading), 1, lambda pose: [(pose, 1.0)], coverage=0.0)[1][0]
+        around = np.zeros((TURNS_AROUND, 3))
+        around[:, 2] = heading + TURN_RAD * np.arange(1, TURNS_AROUND + 1)
+        around[:, :2] = policy._robot.belief.positions[np.argmax(policy._robot.belief.p.max(axis=1))]
+        here = Hypotheses(around, np.ones(TURNS_AROUND))
+        seen = np.flatnonzero(policy._shares(here, np.zeros((1, 3)))[:-1, 0] >= SEEN_SHARE) + 1
+        assert len(seen) and first == (LEFT if seen.min() <= TURNS_AROUND - seen.max() else RIGHT)
+        ways.add(first)
+    assert ways == {LEFT, RIGHT}
 
 
 def test_a_shut_door_is_not_run_against_for_long(twins, infogain):
@@ -167,7 +184,7 @@ def test_a_view_that_was_too_near_to_measure_weighs_against_those_who_would_have
     policy, weights = InfoGain(), []
     for coverage in (0.0, 1.0):
         wander(policy, twins, open_view, 1, lambda pose: [(open_view, 0.5), (wall, 0.5)], coverage=coverage)
-        made = policy._considered(policy._robot.belief)
+        made = policy._weighed(policy._robot.belief).tempered(TEMPER)
         facing_up = np.abs(np.angle(np.exp(1j * (made.poses[:, 2] - UP)))) < 0.5
         weights.append(float(made.weights[facing_up].sum()))
     assert weights[0] < 0.2 < 0.8 < weights[1]

@@ -400,11 +400,16 @@ def test_training_is_taken_up_again_and_gives_a_policy(tmp_path, plan_file, monk
     model = again.train()
     rows = json.loads((tmp_path / "ppo" / "progress.json").read_text())["rows"]
     assert rows[:2] == first["rows"] and [row[0] for row in rows] == [64, 128, 192]
+    assert rows[2][3:] != rows[0][3:]  # other episodes than at the very start
     assert (tmp_path / "ppo" / "curve.png").read_bytes().startswith(b"\x89PNG")
     assert len((tmp_path / "ppo" / "curve.csv").read_text().splitlines()) == 4
     with pytest.raises(GalocError, match="other arguments"):
         train_ppo.Run(train_ppo.Arguments(**{**as_dict(arguments), "seed": 1}))
     agrees_with_torch(tmp_path / "ppo", model)
+    for name in ("checkpoint.zip", "progress.json"):
+        (tmp_path / "ppo" / name).write_text("spoilt")
+        with pytest.raises(GalocError, match=f"spoilt {name}"):
+            train_ppo.Run(train_ppo.Arguments(**{**as_dict(arguments), "steps": 256})).train()
 
 
 def as_dict(arguments):

@@ -193,6 +193,31 @@ def test_what_policies_do_wrong_costs_their_episode_and_no_more(folder, tmp_path
     assert summary["summary"]["failed episodes"]["value"] == 0.75 and len(summary["failures"]) == 6
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="file systems and platforms may have no locks")
+def test_two_runs_do_not_share_a_folder(folder, tmp_path, capsys):
+    import fcntl
+
+    handle = os.open(tmp_path, os.O_RDONLY)
+    fcntl.flock(handle, fcntl.LOCK_EX)
+    with pytest.raises(SystemExit):
+        main(flags(folder, "Left", tmp_path, 1))
+    assert "another run is at work" in capsys.readouterr().err and not list(tmp_path.iterdir())
+    os.close(handle)
+    main(flags(folder, "Left", tmp_path, 1, "--steps", "5"))
+    assert "Too short to count as held: that takes 10 observations" in capsys.readouterr().out
+
+
+def test_a_policy_that_cannot_be_made_is_named(tmp_path, capsys):
+    (tmp_path / "beside_it.py").write_text("NUMBER = 3\n")
+    file = tmp_path / "unmade.py"
+    file.write_text("import sys\nfrom beside_it import NUMBER\nclass Exits:\n  def __init__(self): sys.exit(NUMBER)\n")
+    for command in ("evaluate", "demo"):
+        with pytest.raises(SystemExit) as ended:
+            main([command, "--policy", f"{file}:Exits", "--detector", "oracle", "--out", str(tmp_path / "out")])
+        assert ended.value.code == 2 and "raised SystemExit when it was made: 3" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
 @pytest.mark.parametrize("whom", ["all", "parent"])
 def test_nothing_is_left_running(whom, folder, tmp_path):

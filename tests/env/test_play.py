@@ -1,6 +1,7 @@
 """One episode: what a policy is told, what it can do wrong, and what the walk's numbers are."""
 
 import math
+import signal
 
 import numpy as np
 import pytest
@@ -88,6 +89,56 @@ def test_what_a_policy_does_wrong_is_told_and_ends_the_walk(deed, said, plan_fil
     found = walk.metrics()
     assert found["steps_to_converge"] is None and not any(v for p in found["success"].values() for v in p.values())
     assert found["recall"]["1m"] <= 4 / (STEPS + 1)
+
+
+class Speechless(BaseException):
+    """Cannot say what it is."""
+
+    def __str__(self):
+        raise TypeError("no words")
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, GeneratorExit, MemoryError, Speechless])
+def test_exceptions_of_any_kind_are_the_policys_and_say_where(error, plan_file, monkeypatch):
+    def deed():
+        raise error
+
+    # As in a worker process, which ignores Ctrl-C.
+    monkeypatch.setattr("galoc_env.play.signal.getsignal", lambda number: signal.SIG_IGN)
+    walk, _ = play(make_env(plan_file), Bad(deed), 0, STEPS)
+    line = deed.__code__.co_firstlineno + 1
+    assert walk.failure == f"policy policy, step 3: act raised {error.__name__} (test_play.py, line {line})"
+
+
+def test_ctrl_c_is_not_the_policys(plan_file):
+    def deed():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        play(make_env(plan_file), Bad(deed), 0, STEPS)
+
+
+def test_a_call_that_fails_before_the_policys_code_names_no_line(plan_file):
+    class Few(Turner):
+        def act(self):
+            return 2
+
+    walk, _ = play(make_env(plan_file), Few(), 0, STEPS)
+    assert "step 0: act raised TypeError:" in walk.failure and ", line " not in walk.failure
+
+
+def test_a_watched_walk_names_the_policy_that_failed(plan_file):
+    with pytest.raises(GalocError, match="policy my.py:Mine, step 3: act returned 4"):
+        rollout(make_env(plan_file), 0, STEPS, policy=Bad(lambda: 4), name="my.py:Mine")
+
+
+def test_a_policy_cannot_change_the_belief(plan_file):
+    env, policy = make_env(plan_file, localizer="galoc"), Turner()
+    play(env, policy, 0, 1)
+    belief = policy.robot.belief
+    for array in (belief.positions, belief.headings_rad, belief.p):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
 
 
 @pytest.mark.parametrize("bad", [np.zeros(2), np.full(3, np.inf), np.array([0.0, 0.0, 1.5]), 1, "left", [[0, 0, 0]]])

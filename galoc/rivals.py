@@ -55,11 +55,11 @@ def levelled(
     """
     which = np.arange(len(belief.positions)) if rows is None else rows
     logs = temper * (found - found.max())
-    mass = belief.p[which] * np.exp(np.maximum(logs, -60.0))
+    before = belief.p[which]
+    mass = before * np.exp(np.maximum(logs, -60.0))
     places = _places(belief, which, mass)
     if len(places) < 2:
         return found
-    before = belief.p[which]
     exact = _exact(likelihood, seen, np.array([pose for pose, _, _ in places]))
     out = found.copy()
     gap = np.empty(len(places))

@@ -114,8 +114,11 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 def told(policy: Policy, info: dict[str, Any]) -> dict[str, Any]:
     """What a policy gets to see of the environment's ``info``."""
-    if sees_truth(policy):
-        return info
+    return info if sees_truth(policy) else without_truth(info)
+
+
+def without_truth(info: dict[str, Any]) -> dict[str, Any]:
+    """The entries ``TOLD`` of the environment's ``info``."""
     return {key: info[key] for key in TOLD if key in info}
 
 

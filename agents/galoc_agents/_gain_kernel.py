@@ -7,12 +7,14 @@ import math
 import numpy as np
 from numba import njit
 
+LOW, PER_UNIT, BINS = -2.0, 8.0, 64
+"""Log ranges of the precision table: bin b covers LOW + b / PER_UNIT."""
+
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def expected_entropy(  # type: ignore[no-untyped-def]
     tree, parent, fresh, hypotheses, outer, prior, near, log_ranges, lowest, highest, index, origin, resolution, rays,
-    measured,
-    precision, limit_precision, weight, scale_precision, floor, bump_cost, dead,
+    measured, precision, limit_precision, weight, scale_precision, floor, bump_cost, dead,
 ):  # fmt: skip
     """Expected entropy of the hypotheses after each node of a tree of motions.
 
@@ -68,18 +70,9 @@ def expected_entropy(  # type: ignore[no-untyped-def]
             total[node] = total[before]
             stopped[node] = stopped[before]
             _look(
-                tree[node],
-                hypotheses,
-                log_ranges,
-                lowest,
-                highest,
-                index,
-                origin,
-                resolution,
-                rays,
-                seen,
+                tree[node], hypotheses, log_ranges, lowest, highest, index, origin, resolution, rays, seen,
                 stopped[node],
-            )
+            )  # fmt: skip
             _compare(
                 total[node], stopped[node], stopped[before], seen, measured, precision, limit_precision,
                 weight, scale_precision, floor, bump_cost, dead, np.float32(fresh[node]),
@@ -124,7 +117,7 @@ def _compare(  # type: ignore[no-untyped-def]
         if not stopped[i]:
             mass = np.float32(0.0)
             for r in range(n):
-                at = min(max(int((seen[0, i, r] + 2.0) * 8.0), 0), bins - 1)
+                at = min(max(int((seen[0, i, r] - LOW) * PER_UNIT), 0), bins - 1)
                 p[r] = precision[r, at] if seen[0, i, r] >= measured[r] else np.float32(0.0)
                 mass += p[r]
         for j in range(k):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from galoc import Camera, Floorplan
+from galoc.metrics import wrap_angle
 from galoc.profiles import Caster
 
 Array = NDArray[np.float64]
@@ -47,7 +48,7 @@ class Coverage:
         """(C,) which cells are seen from any of these poses (P, 3)."""
         poses = np.asarray(poses, dtype=np.float64).reshape(-1, 3)
         visible, bearing = self._visible(poses[:, :2])
-        off = np.abs((bearing - poses[:, 2:] + math.pi) % (2.0 * math.pi) - math.pi)
+        off = np.abs(wrap_angle(bearing - poses[:, 2:]))
         return np.asarray(np.any(visible & (off <= self._half), axis=0))
 
     def gains(self, unseen: Mask, headings: Array) -> Array:
@@ -58,7 +59,7 @@ class Coverage:
         found = np.bincount(flat, minlength=count * (SECTORS + 1)).reshape(count, SECTORS + 1)[:, :SECTORS]
         width = 2.0 * math.pi / SECTORS
         middles = (np.arange(SECTORS) + 0.5) * width
-        off = np.abs((middles[:, None] - headings[None] + math.pi) % (2.0 * math.pi) - math.pi)
+        off = np.abs(wrap_angle(middles[:, None] - headings[None]))
         return np.asarray(found @ (off <= self._half)) / len(self.cells)
 
     def _sectors(self) -> NDArray[np.int64]:

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from galoc import Camera
+from galoc.metrics import wrap_angle
 from galoc_agents.coverage import Coverage
 from galoc_agents.moves import FORWARD, LEFT, RIGHT, STEP_M, TURN_RAD, TURNS_AROUND, as_action, cut_short
 from galoc_agents.paths import ARRIVED_M, Paths
 from galoc_agents.spin import Spin
 from galoc_agents.trail import Trail, apart, moved
-from galoc_env.motion import BODY_RADIUS
+from galoc_env.motion import BODY_RADIUS, wrap
 from galoc_env.policy import Robot
 
 Array = NDArray[np.float64]
@@ -174,7 +175,7 @@ class Explore:
         moves = self._paths.moves_down(here, self._distance, count)
         if moves or np.hypot(*(place - here[:2])) > 2.0 * ARRIVED_M:
             return moves
-        off = (heading - here[2] + math.pi) % (2.0 * math.pi) - math.pi
+        off = wrap(heading - here[2])
         return [LEFT if off > 0 else RIGHT] * min(count, round(abs(off) / TURN_RAD))
 
     def _choose(self, here: Array) -> None:
@@ -207,4 +208,4 @@ class Explore:
 
 def _turns(angle: Array) -> Array:
     """How many turns an angle (rad) is, either way round."""
-    return np.asarray(np.abs((angle + math.pi) % (2.0 * math.pi) - math.pi) / TURN_RAD)
+    return np.abs(wrap_angle(angle)) / TURN_RAD

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from galoc import Floorplan
 from galoc.config import LocalizerConfig
 from galoc.profiles import MAX_POSITIONS, ProfileField, profile_field
+from galoc_agents.sight import LINE_M
 from galoc_env.motion import STEP_M
 from galoc_env.observe import CANVAS_CELLS, Canvas
 from galoc_env.policy import BeliefView, Robot
@@ -31,8 +32,6 @@ HYPOTHESES = 64
 """Poses drawn from the belief, at even steps of its cumulative mass: no chance involved."""
 NEAREST_M, FARTHEST_M = 0.2, 12.0
 """Ranges are told apart between these, m."""
-EDGE_M = 1.2
-"""A wall's top or foot is this far above or below a camera: where it leaves the image, the wall is too near."""
 MOVES = 4
 """Forward, backward, left, right."""
 MEMORY = 2
@@ -138,7 +137,7 @@ class Features:
         if robot.plan is not self._plan:
             self._plan, self._field = robot.plan, field_of(robot.plan, robot.belief)
         self._memory = Memory(math.radians(robot.camera.hfov_deg))
-        self._reach = math.log(EDGE_M * 2.0 * robot.camera.fy / robot.camera.height)
+        self._reach = math.log(LINE_M * 2.0 * robot.camera.fy / robot.camera.height)
 
     def see(self, observation: dict[str, Any], info: dict[str, Any], move: int | None = None) -> Floats:
         """The (size,) vector of this observation.

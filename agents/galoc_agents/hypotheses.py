@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from galoc.metrics import wrap_angle
 from galoc_env.policy import BeliefView
 
 Array = NDArray[np.float64]
@@ -91,7 +92,7 @@ class Hypotheses:
     def near(self) -> NDArray[np.bool_]:
         """(K, K) which of them are the same place."""
         apart = self.poses[:, None] - self.poses[None]
-        turned = np.abs((apart[..., 2] + math.pi) % math.tau - math.pi)
+        turned = np.abs(wrap_angle(apart[..., 2]))
         return np.asarray((np.hypot(apart[..., 0], apart[..., 1]) < NEAR_M) & (turned < NEAR_RAD))
 
     def with_pose(self, pose: Array, weight: float) -> Hypotheses:

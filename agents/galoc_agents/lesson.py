@@ -16,7 +16,7 @@ from galoc import Camera, Floorplan, Localizer
 from galoc_agents.features import BOUND, MIRRORED_MOVES, SEES, Features, mirrored
 from galoc_env.env import FloorplanEnv
 from galoc_env.observe import make_localizer
-from galoc_env.policy import TOLD, Robot
+from galoc_env.policy import Robot, without_truth
 from galoc_env.scoring import HOLD_M
 from galoc_env.settings import Settings
 
@@ -117,7 +117,7 @@ class Lesson(gymnasium.Env[NDArray[np.float32], np.int64]):
             world.close()
 
     def _vector(self, observation: dict[str, Any], info: dict[str, Any], move: int | None) -> NDArray[np.float32]:
-        vector = self._features.see(observation, {key: info[key] for key in TOLD if key in info}, move)
+        vector = self._features.see(observation, without_truth(info), move)
         if self._flipped and self._mirror is not None:
             index, sign = self._mirror
             return sign * vector[index]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from galoc import Camera
 from galoc.likelihood import SATURATION
 from galoc.observation import EFFECTIVE_RAYS, LIMIT_SD
+from galoc_agents._gain_kernel import BINS, LOW, PER_UNIT
 
 Float32 = NDArray[np.float32]
 
@@ -22,8 +23,6 @@ MODEL_SD = 0.06
 """Spread of log range at no noise: grid, map, and the heading's rounding."""
 NOISE_SHARE = 5.0 / 640.0
 """Noise of a wall line as a share of the image width (the paper's 5 px of 640)."""
-LOW, PER_UNIT, BINS = -2.0, 8.0, 64
-"""Log ranges of the precision table: bin b covers LOW + b / PER_UNIT."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from galoc_agents.memory import compose, relative
+from galoc_env.motion import wrap
 
 Array = NDArray[np.float64]
 
@@ -70,5 +69,5 @@ def moved(pose: Array, odometry: NDArray[np.floating]) -> Array:
 
 def apart(a: Array, b: Array) -> tuple[float, float]:
     """How far two poses (3,) are apart: m, and rad within 0 to pi."""
-    turn = abs((a[2] - b[2] + math.pi) % (2.0 * math.pi) - math.pi)
+    turn = abs(wrap(a[2] - b[2]))
     return float(np.hypot(*(a[:2] - b[:2]))), float(turn)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from galoc import Floorplan
 from galoc_agents._reach_kernel import choose, reach
+from galoc_agents.memory import relative
 from galoc_agents.moves import STEP_M, TURNS_AROUND
 from galoc_env.motion import BODY_RADIUS
 
@@ -69,11 +70,8 @@ class Tree:
         where = np.full(len(states[0]), -1, np.int32)
         where[taken] = np.arange(len(taken), dtype=np.int32)
         poses, parent = states[0][taken], states[1][taken]
-        c, s = np.cos(pose[2]), np.sin(pose[2])
-        shift = poses[:, :2] - pose[:2]
-        motion = np.stack([c * shift[:, 0] + s * shift[:, 1], c * shift[:, 1] - s * shift[:, 0], poses[:, 2] - pose[2]])
         parent = np.where(parent >= 0, where[np.maximum(parent, 0)], -1).astype(np.int32)
-        return cls(np.ascontiguousarray(motion.T), parent, states[2][taken], states[3][taken])
+        return cls(relative(pose, poses), parent, states[2][taken], states[3][taken])
 
     def first_move(self, node: int) -> int:
         """The action that starts the way to a node other than 0."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from galoc.metrics import steps_to_converge
 from galoc_env.env import FloorplanEnv
-from galoc_env.policy import Policy, Robot, told
+from galoc_env.play import rollout
+from galoc_env.policy import Policy
+from galoc_env.scoring import HOLD_M
 
 STEPS = 60
 """Actions per episode; also the count where a robot is not localized at its end."""
@@ -21,14 +22,11 @@ def steps_to_localize(env: FloorplanEnv, policy: Policy, seed: int, steps: int =
         policy: reset here.
         seed: of the environment and the policy.
         steps: actions of the episode.
+
+    Raises:
+        GalocError: the policy failed.
     """
-    observation, info = env.reset(seed=seed)
-    policy.reset(Robot.of(env, seed, steps))
-    errors = [info["error_m"]]
-    for _ in range(steps):
-        observation, _, _, _, info = env.step(policy.act(observation, told(policy, info)))
-        errors.append(info["error_m"])
-    found = steps_to_converge(errors)
+    found = rollout(env, seed, steps, policy=policy).steps_to(HOLD_M)
     return steps if found is None else min(found, steps)
 
 

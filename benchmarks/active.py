@@ -27,11 +27,12 @@ from galoc import GalocError
 from galoc.formats.atomic import write_atomic
 from galoc_env.benchmark_sets import make_set
 from galoc_env.cli import INTERRUPTED
-from galoc_env.evaluate import Evaluation, Job, evaluate, inspect_policy, jsonable, make_job
+from galoc_env.evaluate import Evaluation, Job, evaluate, inspect_policy, make_job
 from galoc_env.evaluate_figures import draw_success
 from galoc_env.evaluate_report import failures, steps_to
 from galoc_env.film import writable_folder
 from galoc_env.intervals import Interval, Resampling
+from galoc_env.partial import jsonable
 
 Array = NDArray[np.float64]
 

@@ -20,8 +20,9 @@ import tyro
 from galoc import GalocError
 from galoc.formats.atomic import write_atomic
 from galoc_env.env import FloorplanEnv
-from galoc_env.evaluate import Rollout, jsonable, rollout
 from galoc_env.film import writable_folder
+from galoc_env.partial import jsonable
+from galoc_env.play import Rollout, rollout
 from galoc_env.policy import make_policy
 from galoc_env.scoring import NEAR_M
 from galoc_env.topdown import INK, PAPER, TopDown, write

@@ -19,8 +19,8 @@ from galoc.detect.oracle import perturb
 from galoc.formats.atomic import write_atomic
 from galoc.rays import ray_count
 from galoc.types import CORNER
-from galoc_env.evaluate import Partial, jsonable
 from galoc_env.film import writable_folder
+from galoc_env.partial import Partial, jsonable
 from galoc_env.truth import visible_wireframe
 from galoc_env.truth_kernel import nearest_hit
 

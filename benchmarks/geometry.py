@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from galoc.formats.atomic import write_atomic
 from galoc.gauge import constraint_matrix
-from galoc_env.evaluate import jsonable
 from galoc_env.film import writable_folder
+from galoc_env.partial import jsonable
 from galoc_env.stress_observe import observe
 from galoc_env.stress_scenes import Condition, scenes
 from galoc_env.stress_scores import Scores, built_in, interval, ratio_interval, score, share

@@ -48,7 +48,7 @@ class WorldOptions:
     split: str = "train"
     """Which generated homes: train or test."""
     homes: str = "rooms"
-    """Sort of generated homes: rooms, or ambiguous, where views repeat."""
+    """Sort of generated homes: rooms, or ambiguous, where views repeat. Not with --plan."""
 
     def arguments(self) -> dict[str, Any]:
         """Arguments for the environment."""
@@ -204,8 +204,8 @@ class Stress:
         from tqdm import tqdm
 
         from galoc_env import stress, stress_report
-        from galoc_env.evaluate import Partial, jsonable
         from galoc_env.film import writable_folder
+        from galoc_env.partial import Partial, jsonable
 
         if self.jobs < 1:
             raise GalocError(f"--jobs {self.jobs}", "at least 1 process", "Pass 1 or more.")

@@ -18,8 +18,9 @@ from galoc.formats.atomic import write_atomic
 from galoc.metrics import HOLD
 from galoc_env import detection
 from galoc_env.env import FloorplanEnv
-from galoc_env.evaluate import Rollout, jsonable, rollout, steps_table
 from galoc_env.film import Film, temporary, writable_folder
+from galoc_env.partial import jsonable
+from galoc_env.play import Rollout, rollout, steps_table
 from galoc_env.policy import make_policy
 
 Image = NDArray[np.uint8]

@@ -93,7 +93,7 @@ class FloorplanEnv(gymnasium.Env[Observation, Any]):
     |---|---|---|
     | `plan` | None | plan file or name of a shipped plan ("apartment"); None: a home generated from the seed |
     | `split` | "train" | "train" or "test": which homes are generated |
-    | `homes` | "rooms" | "rooms": :mod:`galoc_env.homes`; "ambiguous": :mod:`galoc_env.ambiguous`, views repeat |
+    | `homes` | "rooms" | "rooms": :mod:`galoc_env.homes`; "ambiguous" (not with `plan`): :mod:`galoc_env.ambiguous` |
     | `detector` | "onnx" | what finds the walls: "onnx", "lines" or "oracle" (below) |
     | `detector_noise_px` | 5.0 | "oracle" only: sd of each junction coordinate, px of a 640 px wide image |
     | `localizer` | "galoc" | "galoc", "none" or "module:Class" (below) |

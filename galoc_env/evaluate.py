@@ -24,14 +24,9 @@ from galoc_env.benchmark_sets import EpisodeSet
 from galoc_env.env import FloorplanEnv
 from galoc_env.film import writable_folder
 from galoc_env.partial import Partial, another_run, json_lines, jsonable
-from galoc_env.play import Rollout, Step, rollout, steps_table
 from galoc_env.player import Game
-from galoc_env.policy import make_policy, named, sees_truth
+from galoc_env.policy import policy_and_module, sees_truth
 from galoc_env.pool import Played, Pool
-
-__all__ = [
-    "Evaluation", "Job", "Partial", "Rollout", "Step", "evaluate", "jsonable", "make_job", "rollout", "steps_table",
-]  # fmt: skip
 
 EPISODES, SUMMARY, TIMING, PARTIAL = "episodes.jsonl", "summary.json", "timing.csv", "partial.jsonl"
 """Files of a run."""
@@ -52,7 +47,7 @@ class Job:
     episode_set: EpisodeSet
     """Worlds and starts."""
     digest: str | None
-    """Of the policy's module file."""
+    """Of the policy's module and of its helpers, see :func:`galoc_env.plugin.digest`."""
     sees_truth: bool
     """The policy is told the truth: a bound."""
     act_timeout: float
@@ -93,7 +88,8 @@ def make_job(
     digest, truth = inspect_policy(policy)
     # Rewards are not looked at, and this one suits localizers without a belief too.
     arguments = {**arguments, **episode_set.arguments, "reward": "error"}
-    env = FloorplanEnv(**arguments)
+    first = episode_set.task(0).plan
+    env = FloorplanEnv(**(arguments if first is None else {**arguments, "plan": first}))
     env.close()
     game = Game(policy, arguments, steps, detection.model(env.settings.detector))
     return Job(game, episode_set, digest, truth, act_timeout)
@@ -103,14 +99,13 @@ def inspect_policy(policy: str) -> tuple[str | None, bool]:
     """Make a policy once, to see that it can be made.
 
     Returns:
-        First digits of the digest of its module file, and whether it sees the truth.
+        First digits of the digest of its files (:func:`galoc_env.plugin.digest`), and whether it sees the truth.
 
     Raises:
         GalocError: no such policy, or it cannot be made.
     """
     try:
-        made = make_policy(policy)
-        module = plugin.load(named().get(policy, policy))[1]
+        made, module = policy_and_module(policy)
     except GalocError as error:
         got = error.got if error.got.startswith("policy") else f"policy {policy!r} with {error.got}"
         raise GalocError(got, error.expected, error.cure) from error

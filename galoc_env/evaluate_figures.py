@@ -35,6 +35,9 @@ def success(rows: Sequence[Row], steps: int, title: str) -> bytes:
     for threshold, colour in COLOURS.items():
         line = {"color": colour, "lw": WIDTHS[threshold]}
         draw_success(axes[0], rows, steps, threshold, line, f"within {threshold:g} m", band=threshold == 0.5)
+    if not np.isfinite(steps_to(rows, max(COLOURS))).any():
+        note = f"none of {len(rows)} episodes" if steps + 1 >= HOLD else f"too short: it takes {HOLD} observations"
+        axes[0].text(0.5, 0.5, note, transform=axes[0].transAxes, ha="center", va="center", color="#777777")
     axes[0].legend(loc="best", fontsize=9)
     axes[0].set_ylabel("episodes that stay localized / %")
     return _png(figure)
@@ -56,7 +59,7 @@ def draw_success(
     """
     held = steps_to(rows, threshold_m)
     # To count as held it must last for ten observations: later steps cannot be the first.
-    upto = np.arange(max(1, steps + 2 - HOLD))
+    upto = np.arange(max(2, steps + 2 - HOLD))  # two at least: one would be no line
     shares = [100.0 * float(np.mean(held <= s)) for s in upto]
     axes.step(upto, shares, where="post", label=label, **{"lw": 2.0, **line})
     if band:
@@ -64,7 +67,7 @@ def draw_success(
         found = [sample.mean(held <= s) for s in upto]
         low, high = ([100.0 * getattr(i, side) for i in found] for side in ("low", "high"))
         axes.fill_between(upto, low, high, step="post", color=line["color"], alpha=0.15, lw=0)
-    axes.set(xlim=(0, max(1, upto[-1])), ylim=(0, 103), xlabel="step")
+    axes.set(xlim=(0, upto[-1]), ylim=(-3, 103), xlabel="step")  # below 0, lest the frame hide a line there
     axes.locator_params(axis="x", integer=True)
     axes.grid(alpha=0.25)
 

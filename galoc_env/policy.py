@@ -8,6 +8,7 @@ table marks it as a bound.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -150,9 +151,14 @@ def make_policy(name: str) -> Policy:
     Raises:
         GalocError: no such policy, one that cannot be made, or that lacks ``reset`` or ``act``.
     """
+    return policy_and_module(name)[0]
+
+
+def policy_and_module(name: str) -> tuple[Policy, ModuleType]:
+    """A policy as :func:`make_policy` makes it, and the module that it was found in."""
     known = named()
     try:
-        made, _ = plugin.load(known.get(name, name))
+        made, module = plugin.load(known.get(name, name))
     except plugin.LOADING as error:
         expected = f'"module:Class", "file.py:Class" or one of {", ".join(known)}'
         raise GalocError(f"policy {name!r} ({error})", expected, "Check the spelling.") from error
@@ -167,7 +173,7 @@ def make_policy(name: str) -> Policy:
     missing = [method for method in ("reset", "act") if not callable(getattr(policy, method, None))]
     if missing:
         raise GalocError(f"policy {name!r} without {missing}", "methods reset and act", "Add them to the class.")
-    return policy
+    return policy, module
 
 
 def _unmade(name: str, when: str, error: BaseException) -> GalocError:

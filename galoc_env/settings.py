@@ -112,6 +112,9 @@ class Settings:
             value = getattr(self, name)
             if not isinstance(value, str) and not (name == "plan" and value is None):
                 raise GalocError(f"{name} of type {type(value).__name__}", "a string", f"Pass str({name}).")
+        if self.plan is not None and self.homes != "rooms":
+            cure = "Leave `plan` out to draw such homes, or leave `homes` out."
+            raise GalocError(f'homes = "{self.homes}" with plan = "{self.plan}"', "one of the two", cure)
         if not isinstance(self.imaging, str | dict | None):
             expected = "None, the name of a preset, or a dict of its parts"
             raise GalocError(f"imaging of type {type(self.imaging).__name__}", expected, "Pass one of these.")

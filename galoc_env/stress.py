@@ -76,7 +76,7 @@ def _text(level: Any) -> str:
 
 
 def load_solver(spec: str) -> tuple[Solver, str | None]:
-    """A solver from ``package.module:function`` or ``file.py:function``, and the digest of its module's file.
+    """A solver from ``package.module:function`` or ``file.py:function``, and the digest of its files.
 
     Raises:
         GalocError: no such module or function.

@@ -38,7 +38,8 @@ class Explore:
     It keeps account of the floor that it has seen from where it believes to have been, and goes on to the view that
     adds most per action. When the estimate jumps, its trail (dead reckoning) is put where it ends at the new estimate,
     and what it has seen is worked out anew. What it bumps into is remembered and walked around. When all is seen, it
-    starts over. Where there is no estimate, nor a belief, it acts like :class:`galoc_agents.spin.Spin`.
+    starts over; if it took no step to see it, at the far end. Where there is no estimate, nor a belief, it acts like
+    :class:`galoc_agents.spin.Spin`.
     """
 
     _paths: Paths
@@ -64,7 +65,7 @@ class Explore:
         self._rng = np.random.default_rng(robot.seed)
         self._last: int | None = None
         self._queue: list[int] = []
-        self._bumps, self._strikes = 0.0, 0
+        self._bumps, self._strikes, self._walked = 0.0, 0, False
 
     def act(self, observation: dict[str, NDArray[Any]], info: dict[str, Any]) -> Any:
         """The next move."""
@@ -109,7 +110,7 @@ class Explore:
     def _feel(self, bumped: bool) -> None:
         """Take how a step forward ended."""
         if not bumped:
-            self._bumps = max(0.0, self._bumps - RELIEF)
+            self._bumps, self._walked = max(0.0, self._bumps - RELIEF), True
             return
         self._trail.bump(BODY_RADIUS + 0.05)
         self._bumps += 1.0
@@ -185,7 +186,12 @@ class Explore:
         headings = here[2] + TURN_RAD * np.arange(TURNS_AROUND)
         gains = self._coverage.gains(~self._seen, headings)
         if gains.max(initial=0.0) < WORTH:
-            self._seen[:] = False
+            self._seen[:], walked, self._walked = False, self._walked, False
+            if not walked:  # one small room, all of it in view from here: go and look from elsewhere
+                way = self._paths.distance(here[:2])[self._nodes]
+                far = int(np.argmax(np.where(np.isfinite(way), way, 0.0)))
+                self._goal = self._coverage.stands[far].copy(), float(here[2])
+                return
             gains = self._coverage.gains(~self._seen, headings)
         cost = self._actions(here)
         gains[cost <= 0.0] = 0.0

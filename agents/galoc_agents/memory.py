@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from galoc import Floorplan
+from galoc_agents.frames import compose, relative
 from galoc_agents.moves import BACKWARD, FORWARD, STEP_M
 from galoc_env.motion import BODY_RADIUS
 
@@ -83,18 +83,3 @@ class Memory:
         views = self._views[-last:]
         poses = np.array([pose for pose, _ in views]).reshape(-1, 3)
         return relative(self._here, poses), np.array([share for _, share in views])
-
-
-def compose(pose: Array, motion: Array) -> Array:
-    """(N, 3) where motions (N, 3) in the body frame of a pose (3,) lead to."""
-    motion = np.atleast_2d(motion)
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    x, y = motion[:, 0], motion[:, 1]
-    return np.stack([pose[0] + c * x - s * y, pose[1] + s * x + c * y, pose[2] + motion[:, 2]], axis=1)
-
-
-def relative(pose: Array, others: Array) -> Array:
-    """(N, 3) poses (N, 3) in the body frame of a pose (3,)."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    x, y = others[:, 0] - pose[0], others[:, 1] - pose[1]
-    return np.stack([c * x + s * y, c * y - s * x, others[:, 2] - pose[2]], axis=1)

@@ -9,7 +9,9 @@ the policy that ships, :mod:`galoc_agents.train_ppo` does the same with more car
 from __future__ import annotations
 
 import io
+import sys
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,7 @@ from numpy.typing import NDArray
 from galoc import GalocError
 from galoc.formats.atomic import write_atomic
 from galoc_agents.lesson import Lesson
+from galoc_env.cli import INTERRUPTED
 from galoc_env.film import writable_folder
 
 Array = NDArray[np.float64]
@@ -136,8 +139,8 @@ def discounted(rewards: list[float], discount: float) -> list[float]:
     return out[::-1]
 
 
-def learn(env: Env[Any, Any], a: Arguments) -> Weights:
-    """Play and improve until the time is up, at least once."""
+def learn(env: Env[Any, Any], a: Arguments) -> Iterator[Weights]:
+    """Play and improve until the time is up, at least once; the weights after each update."""
     rng = np.random.default_rng(a.seed)
     assert env.observation_space.shape is not None
     w = weights(rng, env.observation_space.shape[0], a.hidden, int(env.action_space.n))  # type: ignore[attr-defined]
@@ -152,22 +155,33 @@ def learn(env: Env[Any, Any], a: Arguments) -> Weights:
         more = time.monotonic() - start < 60.0 * a.minutes
         totals = [sum(r) for _, _, r in played]
         print(f"{time.monotonic() - start:6.0f} s  {len(x):5d} steps  return {np.mean(totals):6.3f}", flush=True)
-    return w
+        yield {k: v.copy() for k, v in w.items()}
+
+
+def save(path: Path, w: Weights) -> Path:
+    """Write the weights, whole or not at all."""
+    file = io.BytesIO()
+    np.savez(file, **w)  # type: ignore[arg-type]
+    return write_atomic(path, file.getvalue())
 
 
 def main() -> None:
     """Command line."""
-    a = tyro.cli(Arguments)
+    a, w = tyro.cli(Arguments), Weights()
     try:
         a.check()
-        folder = writable_folder(a.out.parent)
+        path = writable_folder(a.out.parent) / a.out.name
+        env = Lesson(range(a.homes), seed=a.seed, hfov_deg=a.hfov_deg)
+        for learnt in learn(env, a):
+            w = learnt
+        env.close()
+        print(save(path, w))
     except GalocError as error:
         raise SystemExit(f"error: {error}") from None
-    env = Lesson(range(a.homes), seed=a.seed, hfov_deg=a.hfov_deg)
-    file = io.BytesIO()
-    np.savez(file, **learn(env, a))  # type: ignore[arg-type]
-    env.close()
-    print(write_atomic(folder / a.out.name, file.getvalue()))
+    except KeyboardInterrupt:
+        kept = f"what was learned so far is in {save(path, w)}" if w else "nothing was learned yet"
+        print(f"stopped; {kept}", file=sys.stderr)
+        raise SystemExit(INTERRUPTED) from None
 
 
 if __name__ == "__main__":

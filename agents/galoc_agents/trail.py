@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from galoc_agents.memory import compose, relative
+from galoc_agents.frames import compose, relative
 from galoc_env.motion import wrap
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from galoc import Floorplan
 from galoc_agents._reach_kernel import choose, reach
-from galoc_agents.memory import relative
+from galoc_agents.frames import relative
 from galoc_agents.moves import STEP_M, TURNS_AROUND
 from galoc_env.motion import BODY_RADIUS
 

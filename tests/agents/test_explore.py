@@ -11,8 +11,9 @@ from galoc_agents.paths import Paths
 from galoc_agents.trail import Trail, apart, moved
 from small_world import small_plan
 
-from galoc import Camera
+from galoc import Camera, Floorplan
 from galoc_env.env import FloorplanEnv
+from galoc_env.motion import BODY_RADIUS
 from galoc_env.policy import Robot, told
 
 CAMERA = Camera.from_hfov(64, 48, 60.0)
@@ -135,6 +136,18 @@ def test_it_enters_the_other_room(small_file):
         poses, _ = guided(env, Explore(), seed, 60)
         coverage = Coverage(env.world.plan, env.camera, Paths(env.world.plan).positions)
         assert coverage.seen(poses[:40]).mean() > 0.85
+
+
+@pytest.mark.parametrize("side", [1.5, 2.5])
+def test_it_steps_around_in_a_room_that_it_sees_from_one_place(side, tmp_path):
+    square = np.array([[0, 0, side, 0], [side, 0, side, side], [side, side, 0, side], [0, side, 0, 0]])
+    file = Floorplan.from_segments(square).save(tmp_path / "room.json")
+    env = FloorplanEnv(plan=str(file), furniture=0.0, **BLIND)
+    for seed in range(3):
+        poses, moves = guided(env, Explore(), seed, 100)
+        assert rests(poses) < 40
+        assert np.ptp(poses[30:, :2], axis=0).max() > 0.5 * (side - 2.0 * BODY_RADIUS)
+        assert moves.count(FORWARD) < 60  # nor does it only run about
 
 
 def test_it_sees_more_than_a_blind_walk():

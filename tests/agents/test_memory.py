@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from galoc_agents.memory import BLIND_SHARE, REACH_M, SHORT_M, TOUCH_M, WALL_M, Memory, compose, relative
+from galoc_agents.frames import compose, relative
+from galoc_agents.memory import BLIND_SHARE, REACH_M, SHORT_M, TOUCH_M, WALL_M, Memory
 from galoc_agents.moves import BACKWARD, FORWARD, LEFT, STEP_M, TURN_RAD
 from small_world import small_plan
 

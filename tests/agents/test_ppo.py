@@ -30,6 +30,7 @@ from small_world import small_plan
 
 from galoc import Floorplan, GalocError, assets
 from galoc.profiles import profile_field
+from galoc_env.cli import INTERRUPTED
 from galoc_env.env import FloorplanEnv
 from galoc_env.policy import TOLD, BeliefView, Robot
 from galoc_env.scoring import HOLD_M
@@ -303,10 +304,43 @@ def test_the_plain_loop_learns_a_bandit(monkeypatch, capsys):
     monkeypatch.setattr(reinforce.time, "monotonic", lambda: next(clock))
     env = Bandit()
     env.reset(seed=0)
-    w = reinforce.learn(env, reinforce.Arguments(minutes=2.0, rate=0.02))
+    *_, w = reinforce.learn(env, reinforce.Arguments(minutes=2.0, rate=0.02))
     returns = [float(line.split()[-1]) for line in capsys.readouterr().out.splitlines()]
     assert returns[0] < 0.7 and returns[-1] > 0.9
     assert (reinforce.forward(w, np.eye(3))[1].argmax(axis=1) == [0, 1, 2]).all()
+
+
+def test_the_plain_loop_keeps_what_it_learned_when_it_is_stopped(tmp_path, monkeypatch, capsys):
+    class Stopped(Bandit):
+        """Ctrl-C comes at a given episode."""
+
+        def __init__(self):
+            self.resets, self.np_random = 0, np.random.default_rng(0)
+
+        def reset(self, **more):
+            self.resets += 1
+            if self.resets == stop_at:
+                raise KeyboardInterrupt
+            return super().reset(**more)
+
+    def stopped():
+        with pytest.raises(SystemExit) as ended:
+            reinforce.main()
+        assert ended.value.code == INTERRUPTED
+        return capsys.readouterr().err
+
+    out = tmp_path / "new" / "w.npz"
+    monkeypatch.setattr(reinforce, "Lesson", lambda *_, seed, **__: Stopped())
+    monkeypatch.setattr(sys, "argv", ["reinforce", "--episodes", "8", "--seed", "3", "--out", str(out)])
+    stop_at = 5
+    assert stopped() == "stopped; nothing was learned yet\n" and not out.exists()
+    stop_at = 13  # amid the second eight
+    assert stopped() == f"stopped; what was learned so far is in {out}\n"
+    stop_at = 0
+    arguments = reinforce.Arguments(episodes=8, seed=3, minutes=0.0)
+    (once,) = reinforce.learn(Stopped(), arguments)
+    with np.load(out) as kept:
+        assert set(kept) == set(once) and all(np.array_equal(kept[name], once[name]) for name in once)
 
 
 def test_returns_are_discounted():

@@ -6,7 +6,7 @@ from collections import deque
 import numpy as np
 import pytest
 from galoc_agents._reach_kernel import CHECKS, choose, reach
-from galoc_agents.memory import compose, relative
+from galoc_agents.frames import compose, relative
 from galoc_agents.moves import BACKWARD, FORWARD, LEFT, RIGHT, STEP_M, TURN_RAD, TURNS_AROUND
 from galoc_agents.tree import BLOCKS_M, BUMP_M, CELL_M, CLEARANCE_M, MAP_M, MOST_STATES, NEAR_ACTIONS, SECTORS, Tree
 from small_world import small_plan

@@ -19,8 +19,8 @@ import pytest
 from galoc import Floorplan, assets
 from galoc.plot import save_plan_figure
 from galoc_env.env import FloorplanEnv
-from galoc_env.evaluate import rollout
 from galoc_env.motion import BODY_RADIUS, distances
+from galoc_env.play import rollout
 
 SHIPPED = ("apartment", "corridor", "gallery", "house", "office")
 PUBLISHED = (

@@ -140,6 +140,14 @@ def test_the_environment_offers_them() -> None:
         FloorplanEnv(homes="castles", **FAST)
 
 
+def test_a_plan_leaves_no_homes_to_draw() -> None:
+    with pytest.raises(GalocError, match='got homes = "ambiguous" with plan = "apartment"; expected one of the two'):
+        FloorplanEnv(plan="apartment", homes="ambiguous", **FAST)
+    env = FloorplanEnv(plan="apartment", homes="rooms", split="test", localizer="none", **FAST)
+    env.reset(seed=0)
+    env.close()
+
+
 def test_the_vector_environment_offers_them() -> None:
     envs = gymnasium.make_vec(
         "galoc_env:GALoc-Floorplan-v0", num_envs=2, homes="ambiguous", localizer="none", vector_kwargs={}, **FAST

@@ -146,6 +146,8 @@ def test_workers_do_not_change_the_numbers(plan_file, detector, tmp_path):
         ["demo", "--plan", "PLAN", "--detector", "magic"],
         ["demo", "--plan", "PLAN", "--detector-noise-px", "3"],
         ["evaluate", "--plan", "PLAN", "--detector-noise-px", "3"],
+        ["demo", "--plan", "PLAN", "--homes", "ambiguous"],
+        ["evaluate", "--plan", "PLAN", "--detector", "oracle", "--homes", "ambiguous"],
         ["demo", "--plan", "PLAN", "--out", "PLAN/inside"],
         ["evaluate", "--plan", "PLAN", "--detector", "oracle", "--out", "PLAN/inside"],
     ],

@@ -1,5 +1,6 @@
 """Evaluation runs: stopped and resumed, policies that misbehave, fixed sets, and what the numbers come to."""
 
+import ast
 import json
 import math
 import os
@@ -10,11 +11,14 @@ import time
 from functools import partial
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from small_world import small_plan
 
 from galoc import GalocError
+from galoc_env import evaluate as evaluation
 from galoc_env import evaluate_figures, evaluate_report
 from galoc_env.benchmark_sets import make_set
 from galoc_env.cli import main
@@ -22,6 +26,7 @@ from galoc_env.evaluate import evaluate, make_job
 from galoc_env.intervals import Resampling
 
 RUN = "import sys; from galoc_env.cli import main; main(sys.argv[1:])"
+REPO = Path(__file__).resolve().parents[2]
 RESULTS = ("episodes.jsonl", "summary.json")
 
 POLICIES = '''
@@ -252,6 +257,8 @@ def test_buildings_of_a_folder_in_turn(folder, tmp_path):
     found = evaluate(job, 3, 1, tmp_path / "out")
     assert [row["plan"] for row in found.rows] == ["a.json", "b.json", "a.json"]
     assert set(job.described()["plans"]) == {"a.json", "b.json"}
+    with pytest.raises(GalocError, match="homes = .* with plan"):  # at once, not in a worker
+        make_job("spin", {**arguments, "homes": "ambiguous"}, 3, chosen)
     (plans / "a.json").write_text("")
     (plans / "b.json").write_text("")
     with pytest.raises(GalocError, match="without a sound plan"):
@@ -336,6 +343,23 @@ def test_summary_of_known_episodes():
         assert draw(rows, 60, "four episodes").startswith(b"\x89PNG")
 
 
+def test_where_nobody_is_ever_localized_the_picture_says_so():
+    def middle(rows, steps):
+        image = cv2.imdecode(np.frombuffer(evaluate_figures.success(rows, steps, "t"), np.uint8), cv2.IMREAD_GRAYSCALE)
+        height, width = image.shape
+        return int((image[height * 2 // 5 : height // 2, width // 3 : width * 2 // 3] < 160).sum())
+
+    never = [row("a", None), row("b", None)]
+    assert middle(never, 40) > 100 and middle(never, 3) > 100  # words
+    assert middle([row("a", 0), row("b", 0)], 40) == 0
+    for steps in (3, 40):
+        axes = Figure().add_subplot()
+        evaluate_figures.draw_success(axes, never, steps, 0.5, {"color": "k"}, "", band=True)
+        x, y = axes.lines[0].get_xdata(), axes.lines[0].get_ydata()
+        assert x[0] == 0 and x[-1] == axes.get_xlim()[1] > 0 and set(y) == {0.0}
+        assert axes.get_ylim()[0] < -1.0  # the frame does not hide it
+
+
 def test_plans_are_resampled_with_all_their_episodes(rng):
     # Ten plans of four equal episodes know as much as ten episodes, not as forty.
     values = rng.normal(size=10)
@@ -361,3 +385,16 @@ def test_medians_and_ratios_of_resamples(rng):
     half = sample.ratio(values / 2.0, values, Resampling.medians)
     assert (half.value, half.low, half.high) == pytest.approx((0.5, 0.5, 0.5))
     assert math.isnan(sample.ratio(np.full(45, np.inf), np.full(45, np.inf), Resampling.medians).value)
+
+
+def test_it_is_asked_for_its_own_names_alone():
+    own = {
+        name for name, value in vars(evaluation).items() if getattr(value, "__module__", None) == evaluation.__name__
+    }
+    files = [file for place in ("galoc_env", "agents", "benchmarks", "tests") for file in (REPO / place).rglob("*.py")]
+    wanted = [
+        alias.name for file in files for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module == evaluation.__name__ for alias in node.names
+    ]  # fmt: skip
+    assert {"evaluate", "make_job"} <= set(wanted) <= own
+    assert not hasattr(evaluation, "rollout")

@@ -22,17 +22,19 @@ Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
 MOST_PLACES = 12
-"""More places than this are no short list: they are left as they are."""
-LEAST_SHARE = 1e-4
-"""Places with less than this share of the best one's mass are not looked at."""
+"""So many places are judged, the likeliest ones."""
+LEAST_SHARE = 1e-7
+"""Places with less than this share of the best one's chance are not looked at."""
+DOUBT = 1e-3
+"""Chance that what the cells say of a view is off the mark: so far a place counts as it did before the view."""
 OPEN_SHARE = 0.05
-"""Nor is anything done where so much of the mass lies elsewhere."""
+"""Nothing is done where so much of the mass lies elsewhere."""
 APART_M, APART_RAD = 0.5, math.radians(30.0)
 """Cells within this of a place's best one are that place."""
-FINE_M, FINE_STEPS = 0.035, 2
-"""Positions looked at around the best cell: a square of 2 * FINE_STEPS + 1 on a side, this far apart."""
-FINE_DEG = 6
-"""Whole degrees looked at to either side."""
+FINE_M, FINE_STEPS = (0.05, 0.025, 0.0125, 0.006), (3, 1, 1, 1)
+"""A place's best pose is sought on positions so far apart, so many steps to each side of the last grid's best, ..."""
+FINE_DEG = (6, 2, 2, 2)
+"""... and this many whole degrees to either side. A belief's cell may be 0.2 m beside the pose that it stands for."""
 
 
 def levelled(
@@ -57,7 +59,7 @@ def levelled(
     logs = temper * (found - found.max())
     before = belief.p[which]
     mass = before * np.exp(np.maximum(logs, -60.0))
-    places = _places(belief, which, mass)
+    places = _places(belief, which, mass, mass / mass.sum() + DOUBT * before / before.sum())
     if len(places) < 2:
         return found
     exact = _exact(likelihood, seen, np.array([pose for pose, _, _ in places]))
@@ -73,32 +75,44 @@ def levelled(
 
 
 def _places(
-    belief: Belief, which: NDArray[np.intp], mass: Float32
+    belief: Belief, which: NDArray[np.intp], mass: Float32, chance: Float32
 ) -> list[tuple[Array, NDArray[np.intp], NDArray[np.intp]]]:
-    """Pose, positions (of ``which``) and heading cells of each place, the best first; none where there are many."""
-    left, total = mass.copy(), float(mass.sum())
+    """Pose, positions (of ``which``) and heading cells of each place, the best first; none where they leave much out.
+
+    They are found by their ``chance``, in which they keep a share of what they had: a belief that has come down to a
+    cell or two per place may be so far off the grid that the true place is the one whose cells fit worst.
+    """
+    left, rest = chance.copy(), mass.copy()
     xy, headings = belief.positions[which], belief.headings_rad
     found: list[tuple[Array, NDArray[np.intp], NDArray[np.intp]]] = []
     first = 0.0
-    while len(found) <= MOST_PLACES:
+    while len(found) < MOST_PLACES:
         i, v = np.unravel_index(int(np.argmax(left)), left.shape)
         near = np.flatnonzero(np.hypot(*(xy - xy[i]).T) < APART_M)
         columns = np.flatnonzero(np.abs(wrap_angle(headings - headings[v])) <= APART_RAD)
-        here = float(left[np.ix_(near, columns)].sum())
+        cells = np.ix_(near, columns)
+        here = float(left[cells].sum())
         first = first or here
         if here < LEAST_SHARE * first:
             break
         found.append((np.array([*xy[i], headings[v]]), near, columns))
-        left[np.ix_(near, columns)] = 0.0
-    return found if float(left.sum()) < OPEN_SHARE * total and len(found) <= MOST_PLACES else []
+        left[cells] = rest[cells] = 0.0
+    return found if float(rest.sum()) < OPEN_SHARE * float(mass.sum()) else []
 
 
 def _exact(likelihood: Likelihood, seen: Observation, poses: Array) -> Array:
     """(K,) log-likelihood of the best pose around each (K, 3)."""
-    offset = FINE_M * np.arange(-FINE_STEPS, FINE_STEPS + 1)
-    around = np.stack(np.meshgrid(offset, offset), axis=-1).reshape(-1, 2)
-    headings = np.round(np.degrees(poses[:, 2])).astype(np.int64)[:, None] + np.arange(-FINE_DEG, FINE_DEG + 1)
-    best = np.empty(len(poses))
-    for k in range(len(poses)):
-        best[k] = float(likelihood.at(seen, poses[k, :2] + around, headings[k] % 360, FINE_M).max())
-    return best
+    middle, degree = poses[:, :2], np.round(np.degrees(poses[:, 2])).astype(np.int64)
+    places = np.arange(len(poses))
+    for step, count, reach in zip(FINE_M, FINE_STEPS, FINE_DEG, strict=True):
+        side = step * np.arange(-count, count + 1)
+        around = middle[:, None] + np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+        # All places in one go: each needs its own few headings, and is scored at those of the others as well.
+        windows = (degree[:, None] + np.arange(-reach, reach + 1)) % 360
+        headings, column = np.unique(windows, return_inverse=True)
+        scores = likelihood.at(seen, around.reshape(-1, 2), headings, step).reshape(len(poses), around.shape[1], -1)
+        own = np.take_along_axis(scores, column.reshape(windows.shape)[:, None], axis=2).reshape(len(poses), -1)
+        best = own.argmax(axis=1)
+        middle = around[places, best // windows.shape[1]]
+        degree = windows[places, best % windows.shape[1]]
+    return np.asarray(own[places, best], dtype=np.float64)

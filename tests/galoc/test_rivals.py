@@ -10,6 +10,7 @@ from galoc.belief import Belief
 from galoc.heights import Heights
 from galoc.likelihood import Likelihood
 from galoc.localizer import FRAME_TEMPER
+from galoc.metrics import wrap_angle
 from galoc.observation import observation
 from galoc.profiles import profile_field
 from galoc.rivals import APART_M, MOST_PLACES, levelled
@@ -102,6 +103,29 @@ def test_a_belief_that_is_open_or_settled_is_left_alone(likelihood, twins):
     belief.set(one)
     found = likelihood.cell_volume(seen, belief.group)
     assert levelled(likelihood, seen, belief, found, None, 1.0) is found
+
+
+@pytest.mark.parametrize("beside", [[0.1, -0.1, 0.0], [-0.1, 0.1, 0.09], [0.15, 0.1, -0.09]])
+def test_a_place_whose_only_cell_lies_beside_the_pose_is_not_lost(twins, likelihood, beside):
+    """A filter that has come down to one cell per place drags it along; this one has dragged one of them off."""
+    belief = Belief(likelihood.field, headings=72)
+    p = np.zeros_like(belief.p)
+    for pose in (POSE + beside, POSE + [SHIFT, 0, 0]):
+        heading = int(np.abs(wrap_angle(belief.headings_rad - pose[2])).argmin())
+        p[likelihood.field.nearest(pose[:2]), heading] = 0.5
+    seen = seen_from(twins, POSE)
+    odds = []
+    for fair in (False, True):
+        belief.set(p)
+        rows = belief.best_rows(-20.0)
+        found = likelihood.cell_volume(seen, belief.group, rows=rows)
+        if fair:
+            found = levelled(likelihood, seen, belief, found, rows, FRAME_TEMPER)
+        belief.add(found, -40.0, rows=rows, temper=FRAME_TEMPER, frame_floor=-12.0)
+        here, there = masses(belief)
+        odds.append(math.log(here / there))
+    assert odds[0] < -8.0  # what its cell says
+    assert abs(odds[1]) < 0.5
 
 
 def test_what_is_given_is_not_changed(likelihood, twins):

@@ -43,6 +43,10 @@ class Task:
         """Of the environment's reset."""
         return None if self.home is None else {"plan_seed": self.home}
 
+    def arguments(self, common: dict[str, Any]) -> dict[str, Any]:
+        """Of the environment that it is played in: those that all episodes have in common, and its own plan file."""
+        return common if self.plan is None else {**common, "plan": self.plan}
+
 
 @dataclass(frozen=True, slots=True)
 class EpisodeSet:

@@ -30,8 +30,6 @@ from galoc_env.pool import Played, Pool
 
 EPISODES, SUMMARY, TIMING, PARTIAL = "episodes.jsonl", "summary.json", "timing.csv", "partial.jsonl"
 """Files of a run."""
-HELD_M = (0.5, 0.3, 0.1)
-"""Distances of the steps_to rows, m."""
 DIGITS = 4
 """Decimals of the curves in a row: a tenth of a millimetre."""
 
@@ -88,8 +86,7 @@ def make_job(
     digest, truth = inspect_policy(policy)
     # Rewards are not looked at, and this one suits localizers without a belief too.
     arguments = {**arguments, **episode_set.arguments, "reward": "error"}
-    first = episode_set.task(0).plan
-    env = FloorplanEnv(**(arguments if first is None else {**arguments, "plan": first}))
+    env = FloorplanEnv(**episode_set.task(0).arguments(arguments))
     env.close()
     game = Game(policy, arguments, steps, detection.model(env.settings.detector))
     return Job(game, episode_set, digest, truth, act_timeout)
@@ -215,7 +212,7 @@ def _row(job: Job, played: Played) -> Row:
         "seed": task.seed,
         "plan": Path(task.plan).name if task.plan else walk.plan,
         "policy": job.game.policy,
-        **{f"steps_to_{x:g}m": walk.steps_to(x) for x in HELD_M},
+        **{f"steps_to_{x:g}m": walk.steps_to(x) for x in evaluate_report.HELD_M},
         "final_error_m": found["final_error_m"],
         "final_error_rad": walk.steps[-1].error_rad,
         "path_m": round(walk.path_m(), DIGITS),

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 Row = dict[str, Any]
 Array = NDArray[np.float64]
 
+HELD_M = (0.5, 0.3, 0.1)
+"""Distances of the steps_to entries of a row, m."""
 LISTED_EPISODES = 25
 """Runs up to this long are listed episode by episode."""
 LISTED_FAILURES = 3
@@ -67,7 +69,7 @@ def summarize(rows: Sequence[Row], steps: int) -> dict[str, Line]:
     sample = Resampling([row["plan"] for row in rows])
     out: dict[str, Line] = {}
     held = steps_to(rows, 0.5)
-    for x in (0.5, 0.3, 0.1):
+    for x in HELD_M:
         out[f"steps to {x:g} m, held (median)"] = Line.of(sample.median(steps_to(rows, x)), "steps")
     out[f"steps to 0.5 m, at most {steps} (mean)"] = Line.of(sample.mean(np.minimum(held, steps)), "steps")
     for by in (10, 30):  # it must hold for ten steps, so later ones need longer walks

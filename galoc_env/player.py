@@ -101,7 +101,7 @@ def _play_all(connection: Connection, game: Game, tasks: queue.SimpleQueue[Task]
     env: FloorplanEnv | None = None
     while True:
         task = tasks.get()
-        arguments = game.arguments if task.plan is None else {**game.arguments, "plan": task.plan}
+        arguments = task.arguments(game.arguments)
         if env is None or env.settings.plan != arguments.get("plan"):
             if env is not None:
                 env.close()
